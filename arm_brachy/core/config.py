@@ -1,0 +1,239 @@
+"""YAML file -> frozen dataclass, with the file, line, key and allowed range in every complaint.
+
+A dataclass is the schema. Its `quantity` fields appear in YAML under `<name>_<unit>` and are
+converted to SI; nested dataclasses, tuples of dataclasses, literals and enums go by their names.
+Checking of types, ranges and unknown keys is pydantic's; what is ours is the unit suffix and the
+one-line message.
+"""
+
+import dataclasses
+import difflib
+import functools
+import types
+import typing
+from pathlib import Path
+from typing import Annotated
+
+import pydantic
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError
+
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.quantity import quantities
+
+
+def load(cls, path):
+    """Read a YAML file as dataclass `cls`.
+
+    Raises ConfigError naming file, line, key, value and what is allowed.
+    """
+    path = Path(path)
+    return from_mapping(cls, read_yaml(path), str(path))
+
+
+def read_yaml(path):
+    """Read a YAML mapping that remembers its line numbers; duplicate keys are refused."""
+    path = Path(path)
+    try:
+        data = YAML(typ='rt').load(path.read_text(encoding='utf-8'))
+    except FileNotFoundError:
+        raise ConfigError(f'{path}: no such file') from None
+    except (IsADirectoryError, PermissionError, UnicodeDecodeError) as error:
+        raise ConfigError(f'{path}: cannot be read as text: {error}') from None
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f':{mark.line + 1}' if mark else ''
+        problem = ' '.join(str(error.problem or error.context).split())
+        raise ConfigError(f'{path}{line}: not valid YAML: {problem}') from None
+    if not isinstance(data, dict):
+        raise ConfigError(f'{path}: got {type(data).__name__}; must be a mapping of keys to '
+                          'values')
+    return data
+
+
+def from_mapping(cls, data, where):
+    """Build dataclass `cls` from a mapping in edge units.
+
+    where : file name for messages;  Raises ConfigError (one line) on the first problem found.
+    """
+    if not isinstance(data, dict):
+        raise ConfigError(f'{where}: got {data!r}; must be a mapping of keys to values')
+    try:
+        checked = _model(cls).model_validate(_plain(data))
+    except pydantic.ValidationError as error:
+        raise ConfigError(_one_line(cls, data, where, error.errors()[0])) from None
+    try:
+        return _build(cls, checked)
+    except ConfigError as error:  # from a __post_init__, which does not know the file
+        raise ConfigError(f'{where}: {error}') from None
+
+
+def to_mapping(obj):
+    """Return the plain mapping in edge units that `from_mapping` turns back into `obj`."""
+    infos = quantities(type(obj))
+    out = {}
+    for f in dataclasses.fields(obj):
+        value = getattr(obj, f.name)
+        if f.name in infos:
+            if value is not None:
+                out[infos[f.name].key(f.name)] = infos[f.name].to_edge(value)
+        else:
+            out[f.name] = _to_plain(value)
+    return out
+
+
+def _to_plain(value):
+    if dataclasses.is_dataclass(value):
+        return to_mapping(value)
+    if isinstance(value, dict):
+        return {k: _to_plain(v) for k, v in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_to_plain(v) for v in value]
+    return value
+
+
+def _plain(value):
+    """Strip ruamel's round-trip types."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    for base in (bool, int, float, str):
+        if isinstance(value, base) and type(value) is not base:
+            return base(value)
+    return value
+
+
+@functools.cache
+def _model(cls):
+    """The pydantic model whose fields are the edge names of dataclass `cls`."""
+    infos = quantities(cls)
+    hints = typing.get_type_hints(cls, include_extras=True)
+    fields = {}
+    for f in dataclasses.fields(cls):
+        required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+        if f.name in infos:
+            info = infos[f.name]
+            kind = _number_type(info)
+            fields[info.key(f.name)] = (kind if required else kind | None,
+                                        ... if required else None)
+        else:
+            kind = _edge_type(hints[f.name])
+            fields[f.name] = (kind, ...) if required else (kind | None, None)
+    config = pydantic.ConfigDict(extra='forbid', strict=False, frozen=True)
+    return pydantic.create_model(cls.__name__, __config__=config, **fields)
+
+
+def _number_type(info):
+    number = Annotated[float, pydantic.Field(ge=info.low, le=info.high, allow_inf_nan=False),
+                       pydantic.BeforeValidator(_refuse_bool_and_text)]
+    if info.shape:
+        size = info.shape[0]
+        return Annotated[list[number], pydantic.Field(min_length=size, max_length=size)]
+    return number
+
+
+def _refuse_bool_and_text(value):
+    if isinstance(value, (bool, str)):
+        raise ValueError('must be a number')
+    return value
+
+
+def _edge_type(hint):
+    """Replace dataclasses inside a type hint by their pydantic models."""
+    if dataclasses.is_dataclass(hint):
+        return _model(hint)
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if origin is None or origin is typing.Literal:
+        return hint
+    if origin is Annotated:
+        return Annotated[(_edge_type(args[0]), *args[1:])]
+    inner = tuple(_edge_type(a) if a is not Ellipsis else a for a in args)
+    if origin in (types.UnionType, typing.Union):
+        return functools.reduce(lambda a, b: a | b, inner)
+    return origin[inner]
+
+
+def _build(cls, checked):
+    """pydantic object in edge units -> dataclass in SI; absent keys keep the dataclass default."""
+    infos = quantities(cls)
+    given = checked.model_fields_set
+    values = {}
+    for f in dataclasses.fields(cls):
+        key = infos[f.name].key(f.name) if f.name in infos else f.name
+        if key not in given or (getattr(checked, key) is None and f.name in infos):
+            continue
+        value = getattr(checked, key)
+        if f.name in infos:
+            values[f.name] = infos[f.name].to_si(value)
+        elif value is not None or f.default is None:
+            values[f.name] = _build_value(typing.get_type_hints(cls)[f.name], value)
+    return cls(**values)
+
+
+def _build_value(hint, value):
+    if isinstance(value, pydantic.BaseModel):
+        return _build(_dataclass_in(hint, type(value).__name__), value)
+    if isinstance(value, (list, tuple)):
+        return tuple(_build_value(hint, v) for v in value)
+    if isinstance(value, dict):
+        return {k: _build_value(hint, v) for k, v in value.items()}
+    return value
+
+
+def _dataclass_in(hint, name):
+    if dataclasses.is_dataclass(hint):
+        return hint if hint.__name__ == name else None
+    for arg in typing.get_args(hint):
+        found = _dataclass_in(arg, name)
+        if found is not None:
+            return found
+    return None
+
+
+def _one_line(cls, data, where, problem):
+    """Turn pydantic's first problem into `file:line: key = value; must be ...`."""
+    path = problem['loc']
+    key = '.'.join(str(p) for p in path)
+    place = f'{where}{_line_of(data, path)}'
+    if problem['type'] == 'extra_forbidden':
+        return f'{place}: unknown key {key!r}{_advice(cls, path)}'
+    if problem['type'] == 'missing':
+        return f'{place}: key {key!r} is missing; it must be given'
+    text = problem['msg'].removeprefix('Value error, ')
+    text = text.replace('Input should be', 'must be').replace('Field required', 'must be given')
+    return f'{place}: {key} = {problem["input"]!r}; {text}'
+
+
+def _advice(cls, path):
+    for part in path[:-1]:
+        hints = typing.get_type_hints(cls)
+        if isinstance(part, int) or part not in hints:
+            continue
+        inner = [h for h in _dataclasses_in(hints[part])]
+        cls = inner[0] if inner else cls
+    allowed = list(_model(cls).model_fields)
+    near = difflib.get_close_matches(str(path[-1]), allowed, n=1, cutoff=0.6)
+    if near:
+        return f'; did you mean {near[0]!r}?'
+    return '; allowed: ' + ', '.join(allowed)
+
+
+def _dataclasses_in(hint):
+    if dataclasses.is_dataclass(hint):
+        return [hint]
+    return [c for a in typing.get_args(hint) for c in _dataclasses_in(a)]
+
+
+def _line_of(data, path):
+    """`:line` of the deepest part of `path` whose position the YAML reader kept."""
+    line = None
+    node = data
+    for part in path:
+        marks = getattr(node, 'lc', None)
+        try:
+            line = (marks.item(part)[0] if isinstance(node, list) else marks.key(part)[0]) + 1
+            node = node[part]
+        except (AttributeError, KeyError, IndexError, TypeError):
+            break
+    return f':{line}' if line else ''

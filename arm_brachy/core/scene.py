@@ -1,0 +1,118 @@
+"""A scene: one soft body, where it is held, what touches it, what is marked on it. Any body."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+from arm_brachy.core import config
+from arm_brachy.core.quantity import quantity
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A tetrahedral mesh file in any format meshio reads, or an .npz with nodes, tets and sets."""
+
+    file: str
+    unit: Literal['m', 'mm'] = 'm'
+
+
+@dataclass(frozen=True)
+class Material:
+    """Homogeneous Neo-Hookean tissue (3.18)."""
+
+    E: float = quantity(6.0, 'kPa', "Young's modulus", low=0.01, high=1e6,
+                        source='plastisol phantom, compression test, thesis sec. 3.4.4')
+    nu: float = quantity(0.49, '', "Poisson's ratio", low=0.0, high=0.4999,
+                         source='nearly incompressible soft tissue')
+    density: float = quantity(1000.0, 'kg_m3', 'mass density', low=1.0, high=2e4,
+                              source='water; plastisol is within 5 %')
+
+
+@dataclass(frozen=True)
+class Region:
+    """Which nodes: those of a named set, in a half space, or in a box (world frame)."""
+
+    kind: Literal['set', 'half_space', 'box']
+    set: str = ''
+    point: tuple = quantity([0, 0, 0], 'mm', 'a point of the bounding plane', shape=(3,))
+    normal: tuple = quantity([0, 0, -1], '', 'points into the region', shape=(3,))
+    low: tuple = quantity([0, 0, 0], 'mm', 'lower corner', shape=(3,))
+    high: tuple = quantity([0, 0, 0], 'mm', 'upper corner', shape=(3,))
+
+
+@dataclass(frozen=True)
+class PadPatch:
+    """A disc-shaped pad on the surface: nodes within `radius` of the axis, on the facing side.
+
+    `set` names the nodes instead where the mesh file carries them.
+    """
+
+    name: str
+    centre: tuple = quantity(None, 'mm', 'centre of the disc at rest, world frame', shape=(3,))
+    direction: tuple = quantity(None, '', 'push direction, into the tissue', shape=(3,))
+    radius: float = quantity(8.0, 'mm', 'radius of the disc', low=0.5, high=200.0)
+    stroke: float = quantity(30.0, 'mm', 'largest push from rest', low=0.0, high=200.0)
+    set: str = ''
+
+
+@dataclass(frozen=True)
+class Marker:
+    """An optical marker, glued to the tissue surface, a pad or the base (`body`)."""
+
+    name: str
+    position: tuple = quantity(None, 'mm', 'at rest, world frame', shape=(3,))
+    body: str = 'tissue'
+
+
+@dataclass(frozen=True)
+class Target:
+    """A point inside the tissue that can carry an EM sensor."""
+
+    name: str
+    position: tuple = quantity(None, 'mm', 'at rest, world frame', shape=(3,))
+
+
+@dataclass(frozen=True)
+class PointLoad:
+    """A dead weight hung on the tissue at a point (its mass takes part in the dynamics)."""
+
+    name: str
+    position: tuple = quantity(None, 'mm', 'where it hangs, world frame', shape=(3,))
+    mass: float = quantity(None, 'g', 'hanging mass', low=0.0)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One soft body as a file. Frames: world, z up unless the scene says otherwise; SI inside."""
+
+    name: str
+    mesh: MeshFile
+    fixed: Region
+    material: Material = field(default_factory=Material)
+    dynamics: Literal['quasi_static', 'implicit'] = 'quasi_static'
+    gravity: tuple = quantity([0, 0, 0], 'm_s2', 'gravity', shape=(3,))
+    rayleigh_alpha: float = quantity(0.0, 'per_s', 'mass-proportional damping (implicit only)',
+                                     low=0.0)
+    rayleigh_beta: float = quantity(0.0, 'ms', 'stiffness-proportional damping (implicit only)',
+                                    low=0.0)
+    pads: tuple[PadPatch, ...] = ()
+    markers: tuple[Marker, ...] = ()
+    targets: tuple[Target, ...] = ()
+    loads: tuple[PointLoad, ...] = ()
+    description: str = ''
+    source: str = ''
+
+
+def load_scene(path):
+    """Read a scene file; the mesh path inside it is relative to the scene file.
+
+    Returns Scene with `mesh.file` made absolute. Raises ConfigError.
+    """
+    path = Path(path)
+    scene = config.load(Scene, path)
+    return with_mesh(scene, (path.parent / scene.mesh.file).resolve(), scene.mesh.unit)
+
+
+def with_mesh(scene, mesh_file, unit='m'):
+    """Return the scene on another mesh file (absolute path)."""
+    return replace(scene, mesh=MeshFile(str(mesh_file), unit))

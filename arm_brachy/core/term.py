@@ -1,0 +1,102 @@
+"""The common face of every physics term: one file each, one line each in `arm_brachy.registry`.
+
+A term is a frozen dataclass whose fields are its parameters (declared with `quantity`) plus a
+class attribute `spec: TermSpec`. What it does to the simulation depends on where it acts; the four
+faces below are the only ways in. A term that needs another way in means that the face is wrong.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import ClassVar, Protocol
+
+
+class Kind(Enum):
+    """Where a term acts."""
+
+    TISSUE = 'tissue'
+    BOUNDARY = 'boundary and contact'
+    ACTUATION = 'actuation'
+    SENSING = 'sensing'
+    NUMERICS = 'numerics'
+
+
+class Stage(Enum):
+    """For actuation: between which two quantities. For sensing: which stream."""
+
+    BODY = 'body'                    # tissue and boundary terms
+    SETPOINT = 'setpoint'            # commanded position -> position the servo follows
+    TRANSMISSION = 'transmission'    # motor side (what the encoder sees) -> pad side
+    ENCODER = 'encoder'
+    EM = 'em'
+    OPTICAL = 'optical'
+    FORCE = 'force'
+
+
+@dataclass(frozen=True)
+class TermSpec:
+    """What the documentation table says of a term.
+
+    name : the registry key, from ARCHITECTURE's list of terms
+    equation : plain text, symbols as in `symbols` of the docstring
+    source : book, paper or data sheet with equation or page number
+    invisible_when : from which recordings it cannot be seen, in one line ('' = none known)
+    """
+
+    name: str
+    kind: Kind
+    stage: Stage
+    summary: str
+    equation: str
+    source: str
+    invisible_when: str = ''
+
+
+class BodyTerm(Protocol):
+    """Tissue and boundary terms (Kind.TISSUE, Kind.BOUNDARY).
+
+    A static effect overrides `prepare` only. An effect with memory also gives `memory`,
+    `before_step` and `after_step`; internal variables live in the memory array, never in the term.
+    """
+
+    spec: ClassVar[TermSpec]
+
+    def prepare(self, body):
+        """Return a SoftBody with the effect built in (the argument is untouched)."""
+
+    def memory(self, body):
+        """Return the initial internal variables (any picklable value), or None."""
+
+    def before_step(self, body, memory, t, dt, fields):
+        """Write into `fields` (tissue.body.StepFields) what holds during (t - dt, t]."""
+
+    def after_step(self, body, memory, x, t, dt):
+        """Return the internal variables at t, given the converged positions x (n, 3) [m]."""
+
+
+class ActuationTerm(Protocol):
+    """Actuation terms (Kind.ACTUATION), vectorised over the bank's n actuators.
+
+    They map an input position u (n,) [m] to an output (n,) [m] at their `spec.stage`.
+    """
+
+    spec: ClassVar[TermSpec]
+
+    def memory(self, q0):
+        """Internal state for a bank at rest at q0 (n,) [m]."""
+
+    def step(self, memory, u, effort, t, dt):
+        """Return (output (n,) [m], new memory); effort (n,) [N] pushes back on the pad."""
+
+
+class SensingTerm(Protocol):
+    """Sensing terms (Kind.SENSING): distort what a sensor would see, before noise."""
+
+    spec: ClassVar[TermSpec]
+
+    def distort(self, t, names, values, pads):
+        """Return distorted values (k, 3), given the true ones.
+
+        t : s;  names : k stream-local names (markers, tools, pads)
+        values : (k, 3) positions [m] or forces [N] in the world frame
+        pads : (p, 3) true pad displacements [m] (what actuator metal does to an EM field)
+        """

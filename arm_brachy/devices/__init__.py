@@ -1,0 +1,1 @@
+"""Actuators, trackers and force sensors; see README.md."""

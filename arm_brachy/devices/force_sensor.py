@@ -1,0 +1,111 @@
+"""Force and torque sensors between actuators and pads, one per pad."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.core.quantity import quantity
+from arm_brachy.devices.noise import ColouredNoise
+from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction, lerp
+
+_NANO17 = 'ATI Nano17 SI-25-0.25 specification: '
+
+
+@dataclass(frozen=True)
+class ForceSensorParams:
+    """Rate, noise, range and resolution; moments are in N m throughout."""
+
+    rate: float = quantity(100.0, 'Hz', 'samples per second', low=1.0, high=8000.0,
+                           source='kept at the rate of the optical tracker; the sensor streams '
+                                  'up to 7 kHz')
+    phase: float = quantity(0.0, 'ms', 'time of sample 0', low=0.0, high=1e4)
+    latency: float = quantity(0.0, 'ms', 'from acquisition to delivery', low=0.0, high=1000.0,
+                              source='UDP streaming, below 1 ms')
+    noise: float = quantity(0.0125, 'N', 'standard deviation per axis', low=0.0, high=100.0,
+                            source='0.05 % of full scale, above which noise is abnormal (ATI '
+                                   'manual 9610-05-Ethernet Axia, table 14.5)')
+    moment_noise: float = quantity(
+        1.25e-4, '', 'standard deviation per axis [N m]', low=0.0, high=10.0,
+        source='0.05 % of full scale, as above')
+    noise_correlation: float = quantity(0.0, 's', 'correlation time of the noise (0 = white)',
+                                        low=0.0, high=100.0, source='white unless measured')
+    range: float = quantity(25.0, 'N', 'largest force per axis', low=0.01, high=1e4,
+                            source=_NANO17 + 'Fx, Fy 25 N (Fz 35 N)')
+    moment_range: float = quantity(0.25, '', 'largest moment per axis [N m]', low=1e-4, high=1e3,
+                                   source=_NANO17 + '250 N mm')
+    resolution: float = quantity(0.00625, 'N', 'one count (0 = continuous)', low=0.0, high=10.0,
+                                 source=_NANO17 + '1/160 N')
+    moment_resolution: float = quantity(3.125e-5, '', 'one count [N m] (0 = continuous)', low=0.0,
+                                        high=1.0, source=_NANO17 + '1/32 N mm')
+
+
+@dataclass(frozen=True)
+class ForceSample:
+    """One pad at one instant.
+
+    t : s, time of acquisition;  sample_number : from 0
+    force : (3,) [N], moment : (3,) [N m] about the centre of the pad; both are the external wrench
+        on the pad (what the tissue does to it), world frame: a push gives a force against the push
+        direction
+    saturated : True if any component was at the end of its range
+    """
+
+    t: float
+    sample_number: int
+    pad: str
+    force: np.ndarray
+    moment: np.ndarray
+    saturated: bool
+
+
+class ForceSensor:
+    """Simulated sensors of p pads; advanced tick by tick. Tared at zero load, no drift.
+
+    params : ForceSensorParams;  pads : p names;  rng : numpy Generator
+    terms : sensing terms of Stage.FORCE, applied to the true forces (not moments), before noise
+    Cross-talk between axes is not modelled.
+    Test: devices/test_force_sensor.py
+    """
+
+    def __init__(self, params, pads, terms, rng):
+        self.params = params
+        self.pads = tuple(pads)
+        self._terms = tuple(terms)
+        self.times = SampleTimes(params.rate, params.phase)
+        self._line = DelayLine(self.times, params.latency)
+        self._noise = ColouredNoise((len(self.pads), 6), params.noise_correlation,
+                                    1.0 / params.rate, rng)
+
+    def advance(self, t0, forces0, moments0, t1, forces1, moments1, pads0, pads1):
+        """Follow the truth from t0 to t1 [s] and return the ForceSamples delivered in (t0, t1].
+
+        forces0, forces1 : (p, 3) [N] true force of the tissue on each pad, world frame
+        moments0, moments1 : (p, 3) [N m] about each pad's centre
+        pads0, pads1 : (p, 3) [m] true pad displacements
+        """
+        acquired = []
+        for instant in self.times.between(t0, t1):
+            f = fraction(instant, t0, t1)
+            samples = self._samples(instant, lerp(forces0, forces1, f),
+                                    lerp(moments0, moments1, f), lerp(pads0, pads1, f))
+            acquired += [(instant.number, sample) for sample in samples]
+        return self._line.exchange(acquired, t0, t1)
+
+    def _samples(self, instant, forces, moments, displacements):
+        p = self.params
+        noise = self._noise.draw()
+        for term in self._terms:
+            forces = term.distort(instant.t, self.pads, forces, displacements)
+        forces, over = digitise(forces + p.noise * noise[:, :3], p.range, p.resolution)
+        moments, over_m = digitise(moments + p.moment_noise * noise[:, 3:], p.moment_range,
+                                   p.moment_resolution)
+        saturated = (over | over_m).any(axis=1)
+        return [ForceSample(instant.t, instant.number, name, forces[i].copy(), moments[i].copy(),
+                            bool(saturated[i])) for i, name in enumerate(self.pads)]
+
+
+def digitise(values, limit, resolution):
+    """Clip to +-limit and round to whole counts.  Returns (values, True where clipped)."""
+    clipped = np.clip(values, -limit, limit)
+    over = np.abs(values) >= limit
+    return (resolution * np.round(clipped / resolution) if resolution > 0.0 else clipped), over

@@ -1,0 +1,1 @@
+"""Faults and lags of devices, one file each."""

@@ -1,0 +1,62 @@
+"""Lost motion: after a reversal the motor turns before the pad moves."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.quantity import quantity
+from arm_brachy.core.term import ActuationTerm, Kind, Stage, TermSpec
+
+
+@dataclass(frozen=True)
+class Backlash(ActuationTerm):
+    """Play between motor and pad, the Prandtl-Ishlinskii play operator.
+
+    Symbols: u motor position, y pad position, w `width` [m]. Homing ends in the retracting
+    direction, so y = u while retracting and y = u - w while pushing. The loop does not depend on
+    speed. Holds while friction in the guide carries the pad across the gap; a pad that the tissue
+    pushes back through the gap would show play only where the load changes sign.
+    Test: devices/terms/test_backlash.py
+    """
+
+    width: float = quantity(
+        0.25, 'mm', 'lost motion at a reversal', low=0.0, high=10.0,
+        prior=('lognormal', 0.25, 3.0), typical=0.25,
+        source='Actuonix L16 data sheet: mechanical backlash 0.25 mm')
+    actuators: tuple[int, ...] = ()  # indices into the bank; empty means all
+
+    spec: ClassVar[TermSpec] = TermSpec(
+        name='backlash', kind=Kind.ACTUATION, stage=Stage.TRANSMISSION,
+        summary='the pad lags the motor by a fixed width after every reversal',
+        equation='y(t) = min(max(y(t-), u(t) - w), u(t))',
+        source='play operator: Visintin 1994, Differential Models of Hysteresis, ch. III',
+        invisible_when='pads only ever move one way (then it is an offset), or neither a pad '
+                       'marker nor a marker on the tissue is seen across a reversal')
+
+    def memory(self, q0):
+        """Return the pad positions (n,) of a bank at rest at q0 after retracting.
+
+        Raises ConfigError if `actuators` names one that the bank does not have.
+        """
+        n = len(q0)
+        if any(not 0 <= i < n for i in self.actuators):
+            raise ConfigError(f'backlash: actuators = {list(self.actuators)}; must be indices '
+                              f'0 to {n - 1}')
+        return np.array(q0, dtype=float)
+
+    def step(self, memory, u, effort, t, dt):
+        """Return (pad positions (n,) [m], new memory); exact while u is monotone within a step."""
+        width = _selected(self.width, self.actuators, len(u))
+        y = np.minimum(np.maximum(memory, u - width), u)
+        return y, y.copy()
+
+
+def _selected(value, actuators, n):
+    """`value` for the named actuators, zero for the others, (n,)."""
+    if not actuators:
+        return np.full(n, value)
+    out = np.zeros(n)
+    out[list(actuators)] = value
+    return out

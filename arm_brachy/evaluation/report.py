@@ -1,0 +1,187 @@
+"""The report of a run: one HTML page that says first whether the goals were met."""
+
+import numpy as np
+
+from arm_brachy.evaluation import body_view, figures
+from arm_brachy.evaluation.page import (Cell, Column, Fact, Grid, Verdict, number, pictures,
+                                        provenance, write_page)
+from arm_brachy.evaluation.result import cell_text
+
+MM = 1e3
+
+TASK_COLUMNS = (
+    Column('Task', numeric=False), Column('Loop', numeric=False), Column('Duration', 's'),
+    Column('ITAE, EM', 'mm·s²'), Column('ITAE, truth', 'mm·s²'),
+    Column('Steady-state error, truth', 'mm'), Column('Steady-state error, EM', 'mm'),
+    Column('Overshoot', 'mm (% of step)'), Column('Rise time', 's'),
+    Column('Settling time', 's'), Column('Pad travel', 'mm'), Column('Peak force', 'N'))
+
+TOPIC_COLUMNS = (
+    Column('Topic', numeric=False), Column('Type', numeric=False), Column('Recorded', 'messages'),
+    Column('Lost', 'messages'), Column('Rate', 'Hz'), Column('Jitter', 'ms'),
+    Column('Longest gap', 'ms'))
+
+GOAL_COLUMNS = (Column('Goal', numeric=False), Column('Required', numeric=False),
+                Column('Reached'), Column('Met', numeric=False))
+
+OUTCOME_COLUMNS = (Column('Node', numeric=False), Column('Outcome', numeric=False),
+                   Column('Times'), Column('Last message', numeric=False))
+
+
+def write_report(run, numbers, out_html):
+    """Write the report of `run` (timeseries.RunData) with its `numbers` (assess.RunMetrics).
+
+    out_html : path of the page, which needs no other file;  Returns the path.
+    """
+    return write_page(
+        'report.html.j2', out_html, title=f'{run.name}: report', kind='arm_brachy run report',
+        heading=run.name, verdict=_verdict(run, numbers), facts=_facts(numbers),
+        tasks=_task_grid(numbers), plates=pictures(plates(run, numbers)),
+        goals=_goal_grid(numbers.targets), topics=_topic_grid(run, numbers),
+        outcomes=_outcome_grid(run.outcomes), provenance=provenance(run), command=run.command,
+        scenario=run.scenario)
+
+
+def plates(run, numbers):
+    """The figures of the report that the data allow, as style.Plate in order."""
+    drawn = []
+    for first in range(0, len(run.tasks), figures.COLUMNS):
+        chunk = run.tasks[first:first + figures.COLUMNS]
+        drawn.append(figures.time_response(run, chunk, numbers.goals.steady_state_error))
+    if numbers.deformation is not None:
+        drawn.append(body_view.body(run, numbers.deformed_at))
+    if run.force is not None and len(run.force):
+        drawn.append(figures.pad_forces(run))
+    if np.isfinite(run.span()).all():
+        drawn.append(figures.streams(run, numbers.streams))
+    return drawn
+
+
+def _verdict(run, numbers):
+    missed = [goal for goal in numbers.targets if goal.met is False]
+    unknown = [goal for goal in numbers.targets if goal.met is None]
+    detail = _what_ran(run)
+    if not numbers.targets:
+        return Verdict('open', 'No goals were set for this run.', detail)
+    if missed:
+        worst = '; '.join(f'{goal.name} {_value(goal.value)}{_unit(goal)} '
+                          f'(required {goal.goal})' for goal in missed[:3])
+        more = f'; and {len(missed) - 3} more' if len(missed) > 3 else ''
+        return Verdict('bad', f'{len(missed)} of {len(numbers.targets)} goals missed: '
+                              f'{worst}{more}.', detail)
+    if unknown:
+        return Verdict('open', f'{len(unknown)} of {len(numbers.targets)} goals cannot be judged '
+                               f'from this recording, the others are met.', detail)
+    return Verdict('good', f'All {len(numbers.targets)} goals met.', detail)
+
+
+def _value(value):
+    return number(value, 3) if isinstance(value, float) else cell_text(value)
+
+
+def _unit(goal):
+    return '' if goal.unit in ('', '1') else f' {goal.unit}'
+
+
+def _what_ran(run):
+    first, last = run.span()
+    modes = sorted({task.mode.replace('_', ' ') for task in run.tasks})
+    targets = sorted({task.target for task in run.tasks})
+    lasted = f'{last - first:.1f} s recorded' if np.isfinite(last - first) else 'nothing recorded'
+    if not run.tasks:
+        return f'No task was set; {lasted}.'
+    plural = 's' if len(run.tasks) > 1 else ''
+    return (f'{len(run.tasks)} task{plural} on {", ".join(targets)}, {" and ".join(modes)}; '
+            f'{lasted}.')
+
+
+def _facts(numbers):
+    facts = []
+    if numbers.tasks:
+        errors = [task.steady_state_error for task in numbers.tasks]
+        source = ', '.join(sorted({task.response_from for task in numbers.tasks}))
+        facts += [Fact(f'Worst steady-state error ({source})', number(max(errors) * MM, 3), 'mm'),
+                  Fact('Median ITAE (EM)', number(float(np.median(
+                      [task.itae_em for task in numbers.tasks])) * MM, 1), 'mm·s²')]
+    if numbers.deformation is not None:
+        shape = numbers.deformation
+        facts += [Fact('Largest tissue displacement', number(shape.max_displacement * MM),
+                       f'mm (mean {number(shape.mean_displacement * MM)})'),
+                  Fact('Largest principal stretch', number(shape.max_stretch, 3))]
+    if numbers.streams:
+        count = sum(q.count for q in numbers.streams.values())
+        lost = f'{numbers.lost} lost' if _any_counted(numbers) else 'losses not counted'
+        facts.append(Fact('Messages recorded', f'{count:,}'.replace(',', ' '), lost))
+    if np.isfinite(numbers.real_time_factor):
+        facts.append(Fact('Speed', number(numbers.real_time_factor), '× real time'))
+    return facts
+
+
+def _any_counted(numbers):
+    return any(q.lost is not None for q in numbers.streams.values())
+
+
+def _task_grid(numbers):
+    limit = numbers.goals.steady_state_error
+    note = (f'ITAE (3.30) and errors on the controlled axes. Steady-state error: mean distance '
+            f'from the goal over the last {numbers.goals.window:g} s; measured by EM it contains '
+            f'the tracker\'s noise. Settling: time after which the distance stays within '
+            f'{limit * MM:g} mm. Overshoot is negative where the goal was not reached. Overshoot, '
+            f'rise and settling from {_source(numbers.tasks)}. Pad travel: summed over the '
+            f'pads. A dash: cannot be said.')
+    return Grid(TASK_COLUMNS, tuple(_task_cells(task, limit) for task in numbers.tasks), note)
+
+
+def _source(tasks):
+    return ' and '.join(sorted({task.response_from for task in tasks}))
+
+
+def _task_cells(task, limit):
+    def mood(value, source):
+        if task.mode != 'closed_loop' or task.response_from != source:
+            return ''
+        return 'good' if value < limit else 'bad'
+
+    truth, measured = task.steady_truth.mean_abs, task.steady_em.mean_abs
+    travel = task.pad_travel.sum() if len(task.pad_travel) else np.nan
+    force = task.peak_force.max() if len(task.peak_force) else np.nan
+    texts = [
+        (task.name, ''), (task.mode.replace('_loop', ''), ''), (number(task.duration, 1), ''),
+        (number(task.itae_em * MM, 1), ''), (number(task.itae_truth * MM, 1), ''),
+        (number(truth * MM, 3), mood(truth, 'truth')),
+        (number(measured * MM, 3), mood(measured, 'EM')),
+        (f'{number(task.overshoot.distance * MM, 3)} '
+         f'({number(task.overshoot.fraction * 100, 1)})', ''),
+        (number(task.rise_time), ''), (number(task.settling_time), ''),
+        (number(travel * MM, 1), ''), (number(force), '')]
+    return tuple(Cell(text, tone) for text, tone in texts)
+
+
+def _goal_grid(targets):
+    moods = {True: 'good', False: 'bad', None: 'open'}
+    return Grid(GOAL_COLUMNS, tuple(
+        (Cell(goal.name), Cell(f'{goal.goal}{_unit(goal)}'),
+         Cell(f'{_value(goal.value)}{_unit(goal)}'),
+         Cell('cannot be judged' if goal.met is None else cell_text(goal.met), moods[goal.met]))
+        for goal in targets))
+
+
+def _topic_grid(run, numbers):
+    rows = []
+    for record in run.topics:
+        q = numbers.streams[record.topic]
+        lost = Cell('not counted', 'open') if q.lost is None else Cell(
+            str(q.lost), 'bad' if q.lost else '')
+        rows.append((Cell(record.topic), Cell(record.kind), Cell(str(q.count)), lost,
+                     Cell(number(q.rate, 1)), Cell(number(q.jitter * 1e3)),
+                     Cell(number(q.longest_gap * 1e3, 1))))
+    return Grid(TOPIC_COLUMNS, tuple(rows), (
+        'Lost: messages published, by the publishers\' sequence counters, less those recorded. '
+        'Rate, jitter (standard deviation of the interval) and longest gap from header stamps; '
+        'for topics that speak only now and then they mean little.'))
+
+
+def _outcome_grid(outcomes):
+    return Grid(OUTCOME_COLUMNS, tuple(
+        (Cell(o.node), Cell(o.outcome, '' if o.outcome == 'OK' else 'open'), Cell(str(o.count)),
+         Cell(o.message)) for o in outcomes))

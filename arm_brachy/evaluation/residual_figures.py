@@ -1,0 +1,81 @@
+"""Figures of a replay: residual of every marker over time, as a norm and per axis."""
+
+import numpy as np
+
+from arm_brachy.evaluation.style import BAND, INK, MM, OURS, SERIES, Plate, new_figure, styled
+
+COLUMNS = 3
+
+
+@styled
+def residual_norms(data, r, floor):
+    """|r| of every marker over time against the noise floor, one panel per marker.
+
+    data : timeseries.ResidualData;  r : (n, k, 3) [m];  floor : (k,) [m] rms noise norm
+    For who asks: where and when does the model miss something, and by how much?
+    """
+    figure, axes = _panels(data)
+    for k, axis in enumerate(axes):
+        axis.plot(data.t, np.linalg.norm(r[:, k], axis=1) * MM, color=OURS, lw=1.0,
+                  rasterized=True)
+        axis.axhline(floor[k] * MM, color=BAND, lw=1.2)
+    axes[0].set_ylim(0.0, 1.18 * np.nanmax(np.linalg.norm(r, axis=2)) * MM)
+    _label(figure, axes, 'residual / mm')
+    return Plate('residual_norms', figure, (
+        'Distance between measured and predicted position of every marker (blue) and the rms that '
+        'measurement noise alone would leave (green). ' + _regimes_in_words(data)))
+
+
+@styled
+def residual_axes(data, r):
+    """Residual of every marker per axis over time; its direction tells the kind of error."""
+    figure, axes = _panels(data)
+    for k, axis in enumerate(axes):
+        for i, name in enumerate('xyz'):
+            axis.plot(data.t, r[:, k, i] * MM, color=SERIES[i], lw=0.9, label=name,
+                      rasterized=True)
+        axis.axhline(0.0, color=INK, lw=0.6)
+    low, high = axes[0].get_ylim()
+    axes[0].set_ylim(low, high + 0.18 * (high - low))
+    _label(figure, axes, 'residual / mm')
+    figure.legend(*axes[0].get_legend_handles_labels(), loc='outside upper center', ncols=3)
+    return Plate('residual_axes', figure, (
+        'Residual, measured minus predicted, along each axis of the model frame. '
+        + _regimes_in_words(data)))
+
+
+def _panels(data):
+    columns = min(COLUMNS, len(data.names))
+    rows = -(-len(data.names) // columns)
+    figure = new_figure(9.5, 0.9 + 1.7 * rows)
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    axes = grid.ravel()
+    for spare in axes[len(data.names):]:
+        spare.set_visible(False)
+    for k, axis in enumerate(axes[:len(data.names)]):
+        axis.set_title(data.names[k])
+        _shade_regimes(axis, data, named=k < columns)
+    return figure, axes[:len(data.names)]
+
+
+def _shade_regimes(axis, data, *, named):
+    for i, regime in enumerate(data.regimes):
+        axis.axvspan(regime.t_start, regime.t_end, color='#eef2f5' if i % 2 else '#f9f5ec', lw=0,
+                     zorder=0)
+        if named:
+            axis.text(regime.t_start, 0.97, ' ' + regime.name, fontsize=7, va='top',
+                      color='#55636e', transform=axis.get_xaxis_transform())
+
+
+def _label(figure, axes, quantity):
+    figure.supxlabel('time / s', fontsize=9)
+    figure.supylabel(quantity, fontsize=9)
+    axes[0].set_xlim(auto=True)
+    axes[0].margins(x=0.0)
+
+
+def _regimes_in_words(data):
+    if not data.regimes:
+        return ''
+    return 'Shaded: ' + ', '.join(f'{g.name} ({g.t_start:.2f}–{g.t_end:.2f} s)'
+                                  for g in data.regimes) + '.'

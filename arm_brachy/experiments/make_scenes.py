@@ -1,0 +1,268 @@
+"""Make the shipped scenes: surfaces from their formulas, meshes, scene files, and the quality table.
+
+    python -m arm_brachy.experiments.make_scenes [--meshes]
+
+Surfaces and scene files come out the same every time. The mesher does not (see tissue.meshing), so
+meshes are made anew only when asked for or absent.
+"""
+
+import argparse
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from ruamel.yaml import YAML
+
+from arm_brachy.core import config
+from arm_brachy.core.scene import (
+    Marker, Material, MeshFile, PadPatch, PointLoad, Region, Scene, Target,
+)
+from arm_brachy.tissue import meshing
+
+SCENES = Path(__file__).resolve().parents[2] / 'config' / 'scenes'
+STANDARD_GRAVITY = 9.81  # m/s^2, as in the beam's published protocol
+
+
+@dataclass(frozen=True)
+class BreastShape:
+    """A breast phantom as a closed parametric surface, base plate at z = 0, z up. SI.
+
+    A point is given by t in [0, pi/2], rim to apex, and the azimuth theta:
+        z = height sin(t)^(2/n),  rho = cos(t)^(2/n)  (a superellipse: upright at the rim)
+        R(theta) = radius (1 + lobe cos(theta - lobe_angle) + oval cos 2 theta)
+        (x, y) = R rho (cos theta, sin theta) + apex (z / height)^2
+
+    radius, height : 130 mm across and 58 mm high, the size of the thesis' phantom (Figs. 3.4, 4.4)
+    lobe, oval, apex : departures from a body of revolution of the order of a real breast's
+    exponent : n; 2 is an ellipsoid, more is fuller
+    """
+
+    radius: float = 0.065
+    height: float = 0.058
+    exponent: float = 2.2
+    lobe: float = 0.02
+    lobe_angle: float = np.radians(-60.0)
+    oval: float = 0.025
+    apex: tuple = (0.004, -0.005)
+
+    def point(self, t, theta):
+        """Surface point (..., 3) [m]; t in [0, pi/2] rim to apex, theta azimuth [rad]."""
+        rho = np.cos(t) ** (2.0 / self.exponent)
+        z = self.height * np.sin(t) ** (2.0 / self.exponent)
+        outline = self.radius * (1.0 + self.lobe * np.cos(theta - self.lobe_angle)
+                                 + self.oval * np.cos(2.0 * theta))
+        lift = (z / self.height) ** 2
+        x = outline * rho * np.cos(theta) + self.apex[0] * lift
+        y = outline * rho * np.sin(theta) + self.apex[1] * lift
+        return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
+
+    def at_height(self, z, theta):
+        """Surface point (3,) [m] at height z in (0, height) and azimuth theta about its section."""
+        return self.point(np.arcsin((z / self.height) ** (self.exponent / 2.0)), theta)
+
+    def facing(self, z, azimuth):
+        """Surface point (3,) at height z met by the horizontal ray from the z axis at azimuth."""
+        theta = azimuth
+        for _ in range(20):  # the shift of the axis is small: a contraction by about 0.1 a turn
+            x, y, _ = self.at_height(z, theta)
+            theta += (azimuth - np.arctan2(y, x) + np.pi) % (2.0 * np.pi) - np.pi
+        return self.at_height(z, theta)
+
+    def surface(self, n_around=96, n_up=28, n_base=10):
+        """The closed triangulation (trimesh.Trimesh, metres), rings from base centre to apex."""
+        theta = np.linspace(0.0, 2.0 * np.pi, n_around, endpoint=False)
+        rings = [self.point(0.0, theta) * s for s in np.linspace(0.0, 1.0, n_base + 1)[1:]]
+        rings += [self.point(t, theta) for t in np.linspace(0.0, np.pi / 2, n_up + 1)[1:-1]]
+        return _stack(rings, np.zeros(3), np.array([*self.apex, self.height]))
+
+
+# Pads at mid height; a disc of 10 mm is a fingertip-sized pusher and spans a 12 mm mesh's element.
+PAD_HEIGHT, PAD_RADIUS, PAD_STROKE = 0.027, 0.010, 0.030
+MARKER_STANDOFF = 0.012  # optical marker on the rod, behind the pad's plate
+# Five targets in the pad plane inside a circle of 22 mm (layout after thesis Fig. 3.5) [mm].
+TARGETS_MM = ((0, 0), (15, 7), (-9, 15), (-14, -10), (8, -17))
+# Rings of tissue markers between the pads: height [mm], azimuths [deg]; 18 and the apex make 19.
+MARKER_RINGS = ((14, range(22, 382, 45)), (30, range(45, 405, 90)), (44, range(30, 390, 60)))
+BASE_MARKERS_MM = ((82, 60, 0), (-82, 60, 0), (-82, -60, 0))
+
+
+def breast_scene(pad_azimuths, mesh_file, name, description):
+    """The breast phantom with pads at the given azimuths [deg], as a Scene."""
+    shape = BreastShape()
+    pads = tuple(_pad(shape, i + 1, np.radians(a)) for i, a in enumerate(pad_azimuths))
+    height = PAD_HEIGHT
+    return Scene(
+        name=name,
+        mesh=MeshFile(mesh_file),
+        fixed=Region('half_space', point=(0.0, 0.0, 0.5e-3), normal=(0.0, 0.0, -1.0)),
+        material=Material(E=6e3, nu=0.49, density=1000.0),
+        pads=pads,
+        markers=_tissue_markers(shape) + _rigid_markers(pads),
+        targets=tuple(Target(f'target_{i + 1}', (x * 1e-3, y * 1e-3, height))
+                      for i, (x, y) in enumerate(TARGETS_MM)),
+        description=description,
+        source='size, modulus, four co-planar pads, five targets, 19 markers: thesis ch. 3 and 4',
+    )
+
+
+def beam_scene(name, loads, description):
+    """The clamped silicone beam as a Scene: x = -100 mm (clamp) .. 0 (tip), z up."""
+    tips = ((0, 15, 36), (0, -6, 24), (0, 36, 6))
+    bases = ((-94, -10, -1), (-94, 40, 27.5), (-94, 40, 0))
+    return Scene(
+        name=name,
+        mesh=MeshFile('silicone_beam/beam.msh'),
+        fixed=Region('half_space', point=(-0.0995, 0.0, 0.0), normal=(-1.0, 0.0, 0.0)),
+        material=Material(E=264e3, nu=0.499, density=1070.0),
+        dynamics='implicit',
+        gravity=(0.0, 0.0, -STANDARD_GRAVITY),
+        markers=tuple(Marker(f'Tip-{i + 1}', _metres(p)) for i, p in enumerate(tips))
+        + tuple(Marker(f'Base-{i + 1}', _metres(p), 'base') for i, p in enumerate(bases)),
+        loads=loads,
+        description=description,
+        source='Dubied et al., IEEE RA-L 2022, Sim-to-Real for Soft Robots using Differentiable '
+               'FEM; github.com/srl-ethz/diffPD_sim2real, realbeam_experiments (MIT licence)',
+    )
+
+
+def beam_surface():
+    """The beam, a 100 x 30 x 30 mm box, as a closed triangulation in metres (12 triangles)."""
+    return trimesh.creation.box(bounds=[[-0.1, 0.0, 0.0], [0.0, 0.03, 0.03]])
+
+
+def scenes():
+    """Every shipped scene, file name -> Scene."""
+    load = PointLoad('weight', (0.0, 0.015, 0.0), 0.51012 / STANDARD_GRAVITY)
+    breast = 'breast/breast_2331.msh'
+    return {
+        'breast.yaml': breast_scene((0, 90, 180, 270), breast, 'breast',
+                                    'breast phantom with four co-planar pads'),
+        'breast_3pads.yaml': breast_scene((90, 210, 330), breast, 'breast_3pads',
+                                          'breast phantom with three co-planar pads'),
+        'silicone_beam.yaml': beam_scene('silicone_beam', (), 'clamped beam under its own weight'),
+        'silicone_beam_load52.yaml': beam_scene(
+            'silicone_beam_load52', (load,), 'clamped beam with a weight on the lower tip edge'),
+    }
+
+
+def surfaces():
+    """Every shipped surface, file name -> trimesh.Trimesh in metres."""
+    return {'breast/breast.stl': BreastShape().surface(), 'silicone_beam/beam.stl': beam_surface()}
+
+
+# Mesh file -> (surface file, count or edge length wished for). 2331 and 4223: thesis ch. 3 and 5. The plant's mesh
+# differs from the model's in size and in every node. The envelope of the coarse mesh is wide because
+# 15 mm edges cannot follow this surface closer than half a millimetre.
+MESHES = {
+    'breast/breast_2331.msh': ('breast/breast.stl', {'tets': 2331, 'envelope': 0.06}),
+    'breast/breast_4223.msh': ('breast/breast.stl', {'nodes': 4223}),
+    'breast/breast_plant.msh': ('breast/breast.stl', {'tets': 5200}),
+    'silicone_beam/beam.msh': ('silicone_beam/beam.stl', {'edge_length': 0.005, 'envelope': 0.001}),
+}
+
+
+def make(folder=SCENES, *, remesh=False):
+    """Write surfaces, scene files and, if asked for or absent, meshes into `folder`.
+
+    Returns mesh file -> rows of the quality table, for the meshes made in this call.
+    """
+    folder = Path(folder)
+    for name, surface in surfaces().items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        _in_millimetres(surface).export(folder / name)
+    for name, scene in scenes().items():
+        _write_scene(folder / name, scene)
+    tables = {}
+    for name, (surface, wish) in MESHES.items():
+        if remesh or not (folder / name).is_file():
+            way = meshing.mesh_surface if 'edge_length' in wish else meshing.mesh_with_count
+            mesh, report = way(folder / surface, **wish)
+            meshing.write_mesh(folder / name, mesh)
+            tables[name] = report.rows()
+    return tables
+
+
+def main():
+    """Command line of the module."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--meshes', action='store_true', help='make the meshes anew as well')
+    parser.add_argument('--folder', type=Path, default=SCENES, help='where to write')
+    arguments = parser.parse_args()
+    for name, rows in make(arguments.folder, remesh=arguments.meshes).items():
+        print(name, json.dumps(rows))
+
+
+def _stack(rings, bottom, top):
+    """Close a stack of rings, each (n, 3) and counter-clockwise seen from above, by two poles."""
+    n = len(rings[0])
+    here, after = np.arange(n), np.roll(np.arange(n), -1)
+    faces = [np.stack([np.full(n, 0), 1 + after, 1 + here], axis=1)]
+    for k in range(len(rings) - 1):
+        low, high = 1 + k * n, 1 + (k + 1) * n
+        faces.append(np.stack([low + here, low + after, high + after], axis=1))
+        faces.append(np.stack([low + here, high + after, high + here], axis=1))
+    last, pole = 1 + (len(rings) - 1) * n, 1 + len(rings) * n
+    faces.append(np.stack([last + here, last + after, np.full(n, pole)], axis=1))
+    return trimesh.Trimesh(np.vstack([bottom, *rings, top]), np.vstack(faces), process=False)
+
+
+def _pad(shape, number, azimuth):
+    inward = -np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    return PadPatch(f'pad_{number}', centre=_rounded(shape.facing(PAD_HEIGHT, azimuth)),
+                    direction=tuple(np.round(inward, 9) + 0.0), radius=PAD_RADIUS,
+                    stroke=PAD_STROKE)
+
+
+def _tissue_markers(shape):
+    points = [shape.facing(height * 1e-3, np.radians(azimuth))
+              for height, azimuths in MARKER_RINGS for azimuth in azimuths]
+    points.append((*shape.apex, shape.height))
+    return tuple(Marker(f'tissue_{i + 1}', _rounded(p)) for i, p in enumerate(points))
+
+
+def _rigid_markers(pads):
+    on_pads = tuple(Marker(p.name, _rounded(np.array(p.centre)
+                                            - MARKER_STANDOFF * np.array(p.direction)), p.name)
+                    for p in pads)
+    return on_pads + tuple(Marker(f'base_{i + 1}', _metres(p), 'base')
+                           for i, p in enumerate(BASE_MARKERS_MM))
+
+
+def _rounded(point):
+    """To the micrometre, so that the scene file reads well."""
+    return tuple(float(v) + 0.0 for v in np.round(point, 6))
+
+
+def _metres(point_mm):
+    return tuple(float(v) * 1e-3 for v in point_mm)
+
+
+def _in_millimetres(surface):
+    return trimesh.Trimesh(surface.vertices * 1e3, surface.faces, process=False)
+
+
+def _write_scene(path, scene):
+    """Write what departs from the defaults, in edge units."""
+    yaml = YAML()
+    yaml.default_flow_style = None
+    yaml.width = 99
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open('w', encoding='utf-8') as file:
+        file.write('# Made by arm_brachy.experiments.make_scenes; change it there.\n')
+        yaml.dump(_departures(scene), file)
+
+
+def _departures(scene):
+    bare = Scene(scene.name, scene.mesh, Region(scene.fixed.kind))
+    full, plain = config.to_mapping(scene), config.to_mapping(bare)
+    kept = {k: v for k, v in full.items() if v != plain[k] or k in ('name', 'mesh', 'material')}
+    kept['fixed'] = {k: v for k, v in full['fixed'].items()
+                     if k == 'kind' or v != plain['fixed'][k]}
+    kept['fixed'].setdefault('normal', full['fixed']['normal'])
+    return kept
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,202 @@
+"""The node graph as data: every topic and every node, once. No ROS is imported here.
+
+The nodes, the launcher, `cell.launch.py`, the replayer and the README's table all read this file.
+Topic names are relative (a namespace moves the whole cell); `{tool}`, `{pad}`, `{node}` are filled
+in per instance.
+
+Publishers always offer reliable delivery, which best-effort subscribers accept too; `reliable`
+and `depth` are what a subscriber asks for when the cell is paced by the wall clock. In lockstep
+every subscriber is reliable, since a tick is answered only when nothing is missing.
+"""
+
+import re
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic: name (template), message type, what a subscriber asks for, what it carries."""
+
+    name: str
+    type: str
+    text: str
+    depth: int = 10
+    reliable: bool = True
+    latched: bool = False
+
+    def at(self, **names):
+        """The topic of one tool, pad or node."""
+        return Topic(self.name.format(**names), self.type, self.text, self.depth, self.reliable,
+                     self.latched)
+
+    def matches(self, name):
+        """True if `name` is this topic or one of its instances."""
+        pattern = re.sub(r'\\{\w+\\}', '[^/]+', re.escape(self.name))
+        return re.fullmatch(pattern, name) is not None
+
+
+CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', 'simulated time, one message a tick', 1, False)
+TICK_DONE = Topic('cell/done/{node}', 'arm_brachy_msgs/msg/TickDone',
+                  'a node has answered a tick; how much it has published', 100)
+SAFETY = Topic('cell/safety', 'arm_brachy_msgs/msg/SafetyState', 'run, hold or stop, and why',
+               latched=True)
+TASK = Topic('cell/task', 'arm_brachy_msgs/msg/TaskState', 'what the operator is doing',
+             latched=True)
+OUTCOME = Topic('cell/outcome', 'arm_brachy_msgs/msg/StepOutcome',
+                'expected trouble, with advice', 100)
+DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray',
+                    'health of every node, 1 Hz')
+TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', 'tracked tools as frames, for viewers', 100)
+
+COMMAND = Topic('actuators/command', 'arm_brachy_msgs/msg/ActuatorCommand',
+                'where the pads shall go', 100)
+ACTUATORS = Topic('actuators/state', 'sensor_msgs/msg/JointState',
+                  'encoder position, speed, motor force of every actuator', 100)
+EM_POSE = Topic('em/{tool}/pose', 'geometry_msgs/msg/PoseStamped',
+                'pose of an EM sensor; absent while it is missing')
+EM_STATUS = Topic('em/{tool}/status', 'arm_brachy_msgs/msg/ToolStatus',
+                  'status and quality of every EM frame')
+OPTICAL = Topic('optical/markers', 'arm_brachy_msgs/msg/OpticalFrame',
+                'all optical markers of a frame', 5, False)
+WRENCH = Topic('force/{pad}/wrench', 'geometry_msgs/msg/WrenchStamped',
+               'tissue on pad, base frame', 5, False)
+MANIPULATION = Topic('manipulation/state', 'arm_brachy_msgs/msg/ManipulationState',
+                     "the controller's belief and decision")
+
+TRUTH_PADS = Topic('truth/pads', 'arm_brachy_msgs/msg/PadState', 'true pad positions', 100)
+TRUTH_POINTS = Topic('truth/points', 'arm_brachy_msgs/msg/BodyPoints',
+                     'true markers, targets, pad wrenches', 100)
+TRUTH_TOPOLOGY = Topic('truth/mesh/topology', 'arm_brachy_msgs/msg/MeshTopology',
+                       "the plant's mesh at rest", 1, latched=True)
+TRUTH_POSITIONS = Topic('truth/mesh/positions', 'arm_brachy_msgs/msg/MeshPositions',
+                        "the plant's nodes")
+MODEL_POINTS = Topic('model/points', 'arm_brachy_msgs/msg/BodyPoints',
+                     'what the model predicts for markers, targets and pad wrenches', 100)
+MODEL_TOPOLOGY = Topic('model/mesh/topology', 'arm_brachy_msgs/msg/MeshTopology',
+                       "the model's mesh at rest", 1, latched=True)
+MODEL_POSITIONS = Topic('model/mesh/positions', 'arm_brachy_msgs/msg/MeshPositions',
+                        "the model's nodes")
+
+TOPICS = (CLOCK, TICK_DONE, SAFETY, TASK, OUTCOME, DIAGNOSTICS, TF, COMMAND, ACTUATORS,
+          EM_POSE, EM_STATUS, OPTICAL, WRENCH, MANIPULATION, TRUTH_PADS, TRUTH_POINTS,
+          TRUTH_TOPOLOGY, TRUTH_POSITIONS, MODEL_POINTS, MODEL_TOPOLOGY, MODEL_POSITIONS)
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """One node: what it says and hears, and on whom its tick waits.
+
+    same : nodes whose answer to the same tick it needs (within a tick, data flow downstream)
+    previous : nodes whose answer to the tick before it needs (feedback edges)
+    """
+
+    name: str
+    text: str
+    publishes: tuple = ()
+    subscribes: tuple = ()
+    same: tuple = ()
+    previous: tuple = ()
+    services: tuple = ()
+
+    def hears(self, topic_name):
+        """True if the node subscribes to the topic of this name."""
+        return any(t.matches(topic_name) for t in self.subscribes)
+
+
+EVERYWHERE = (OUTCOME, DIAGNOSTICS)
+
+CELL_CLOCK = NodeSpec(
+    'cell_clock', 'ticks simulated time; the next tick comes when every node has answered',
+    publishes=(CLOCK,), subscribes=(TASK,))
+ACTUATOR_DRIVER = NodeSpec(
+    'actuator_driver', 'one bank of linear actuators, simulated or hardware',
+    publishes=(ACTUATORS, TRUTH_PADS, *EVERYWHERE), subscribes=(COMMAND, SAFETY, TRUTH_POINTS),
+    previous=('mpc_manipulator', 'supervisor', 'tissue_simulator', 'operator'),
+    services=('~/home', '~/release'))
+TISSUE_SIMULATOR = NodeSpec(
+    'tissue_simulator', 'the soft body that plays the patient',
+    publishes=(TRUTH_POINTS, TRUTH_TOPOLOGY, TRUTH_POSITIONS, *EVERYWHERE),
+    subscribes=(TRUTH_PADS,), same=('actuator_driver',))
+TISSUE_MODEL = NodeSpec(
+    'tissue_model', 'the same simulator as model: predicts from encoders what sensors should see',
+    publishes=(MODEL_POINTS, MODEL_TOPOLOGY, MODEL_POSITIONS, *EVERYWHERE),
+    subscribes=(ACTUATORS,), same=('actuator_driver',))
+EM_TRACKER = NodeSpec(
+    'em_tracker', 'electromagnetic tracker of sensors inside the tissue',
+    publishes=(EM_POSE, EM_STATUS, TF, *EVERYWHERE), subscribes=(TRUTH_POINTS,),
+    same=('tissue_simulator',))
+OPTICAL_TRACKER = NodeSpec(
+    'optical_tracker', 'optical tracker of markers on tissue, pads and base',
+    publishes=(OPTICAL, *EVERYWHERE), subscribes=(TRUTH_POINTS,), same=('tissue_simulator',))
+FORCE_SENSOR = NodeSpec(
+    'force_sensor', 'one force-torque sensor behind each pad',
+    publishes=(WRENCH, *EVERYWHERE), subscribes=(TRUTH_POINTS,), same=('tissue_simulator',))
+MPC_MANIPULATOR = NodeSpec(
+    'mpc_manipulator', 'pushes the tissue so that a target meets its goal',
+    publishes=(COMMAND, MANIPULATION, *EVERYWHERE),
+    subscribes=(ACTUATORS, EM_POSE, SAFETY),
+    same=('actuator_driver', 'em_tracker'), previous=('supervisor', 'operator'),
+    services=('~/set_goal', '~/abort', '~/hold'))
+OPERATOR = NodeSpec(
+    'operator', "plays the clinician: sets the scenario's goals, sends the pads home",
+    publishes=(TASK, DIAGNOSTICS), subscribes=(ACTUATORS, MANIPULATION),
+    same=('actuator_driver', 'mpc_manipulator'))
+SUPERVISOR = NodeSpec(
+    'supervisor', 'health, limits, emergency stop: actuators move only while it says run',
+    publishes=(SAFETY, *EVERYWHERE), subscribes=(WRENCH,), same=('force_sensor',),
+    services=('~/emergency_stop', '~/hold', '~/reset'))
+RECORDER = NodeSpec(
+    'recorder', 'writes every topic to an MCAP bag as raw bytes',
+    subscribes=tuple(t for t in TOPICS if t is not CLOCK and t is not TICK_DONE),
+    same=('actuator_driver', 'tissue_simulator', 'tissue_model', 'em_tracker', 'optical_tracker',
+          'force_sensor', 'mpc_manipulator', 'operator', 'supervisor'))
+
+NODES = (CELL_CLOCK, ACTUATOR_DRIVER, TISSUE_SIMULATOR, TISSUE_MODEL, EM_TRACKER, OPTICAL_TRACKER,
+         FORCE_SENSOR, MPC_MANIPULATOR, OPERATOR, SUPERVISOR, RECORDER)
+CELL = tuple(n.name for n in NODES if n is not TISSUE_MODEL)
+
+
+def node(name):
+    """The row of one node; KeyError if there is none."""
+    return {n.name: n for n in NODES}[name]
+
+
+def readers(topic_name, peers):
+    """How many of the nodes `peers` subscribe to a topic."""
+    return sum(node(p).hears(topic_name) for p in peers)
+
+
+def instances(tools, pads):
+    """Every topic that the recorder keeps, with templates filled in by EM tools and pads."""
+    out = []
+    for topic in RECORDER.subscribes:
+        names = {'{tool}': tools, '{pad}': pads}
+        field = next((f for f in names if f in topic.name), None)
+        out += [topic] if field is None else [topic.at(**{field.strip('{}'): n})
+                                              for n in names[field]]
+    return tuple(out)
+
+
+def waiters(name, peers):
+    """How many of the nodes `peers` wait for the answers of node `name`; the clock always does."""
+    return sum(name in (*node(p).same, *node(p).previous) or p == CELL_CLOCK.name for p in peers)
+
+
+def writers(topic_name, peers):
+    """Names of the nodes among `peers` that publish a topic, in table order."""
+    return tuple(n.name for n in NODES if n.name in peers
+                 and any(t.matches(topic_name) for t in n.publishes))
+
+
+def documentation_table():
+    """The nodes and their topics as a Markdown table."""
+    lines = ['| node | what it does | publishes | subscribes | services |',
+             '|---|---|---|---|---|']
+    common = {OUTCOME.name, DIAGNOSTICS.name}
+    for row in NODES:
+        says = ', '.join(f'`{t.name}`' for t in row.publishes if t.name not in common)
+        hears = 'every topic' if row is RECORDER else \
+            ', '.join(f'`{t.name}`' for t in row.subscribes)
+        offers = ', '.join(f'`{s}`' for s in row.services)
+        lines.append(f'| {row.name} | {row.text} | {says} | {hears} | {offers} |')
+    return '\n'.join(lines)

@@ -1,0 +1,222 @@
+"""Starts the cell's processes, watches them, collects their logs, ends them; leaves none behind.
+
+Every node is a process of its own session, so that Ctrl-C reaches only the launcher, which then
+ends the nodes in order: first those that do work, the recorder last. Should the launcher itself be
+killed, the kernel sends its children SIGINT and they close on their own.
+"""
+
+import ctypes
+import fcntl
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from arm_brachy import graph
+from arm_brachy.core.errors import ArmBrachyError
+
+PR_SET_PDEATHSIG = 1       # linux/prctl.h
+DOMAINS = range(10, 100)   # ROS_DOMAIN_ID; up to 101 is safe on Linux whatever the port range
+PATIENCE_S = 10.0          # for a process to end after SIGINT
+RECORDER_PATIENCE_S = 60.0  # a long bag writes its index at the end
+
+
+@dataclass(frozen=True)
+class NodeProcess:
+    """One process to start: node name and its ROS parameters."""
+
+    name: str
+    parameters: dict = field(default_factory=dict)
+
+    def argv(self):
+        """Command line; the module form works in a source tree and in an installation."""
+        args = [sys.executable, '-m', 'arm_brachy.nodes', self.name]
+        if self.parameters:
+            args.append('--ros-args')
+        for key, value in self.parameters.items():
+            args += ['-p', f'{key}:={_ros_text(value)}']
+        return args
+
+
+def _ros_text(value):
+    """A parameter value as YAML on a command line; text is quoted so that it stays text."""
+    if isinstance(value, (list, tuple)):
+        return '[' + ', '.join(_ros_text(v) for v in value) + ']'
+    return json.dumps(value) if isinstance(value, (bool, str)) else str(value)
+
+
+def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0):
+    """The processes of a full run of a scenario, recorded into folder `bag`."""
+    names = [n for n in graph.CELL if cell.scenario.pace == 'lockstep' or n != 'cell_clock']
+    common = {'scenario': str(scenario_path), 'peers': names}
+    extra = {'cell_clock': {'speed_limit': float(speed_limit)}, 'recorder': {'output': str(bag)}}
+    return [NodeProcess(n, {**common, **extra.get(n, {})}) for n in names]
+
+
+def replay_processes(cell, scenario_path, recording, live, bag):
+    """The processes of a replay: the replayer, the live nodes, and the recorder of the result.
+
+    live : names of nodes that run against the recording, which speaks for all others
+    """
+    wanted = {graph.CELL_CLOCK.name, graph.RECORDER.name, *live}
+    absent = sorted(set(graph.CELL) - wanted)
+    common = {'scenario': str(scenario_path), 'pace': 'lockstep',
+              'peers': sorted(wanted | set(absent)), 'absent': absent}
+    return [NodeProcess('replayer', {**common, 'bag': str(recording)}),
+            *(NodeProcess(n, common) for n in live),
+            NodeProcess(graph.RECORDER.name, {**common, 'output': str(bag)})]
+
+
+class Launcher:
+    """Runs a set of node processes until the leader says that it has finished.
+
+    processes : NodeProcess each;  leader : name of the one whose progress ends the run
+    log_dir : receives <node>.log;  on_progress(name, values) : called from `run`
+    """
+
+    def __init__(self, processes, leader, log_dir, on_progress=lambda name, values: None):
+        self._specs, self._leader = tuple(processes), leader
+        self._log_dir, self._on_progress = Path(log_dir), on_progress
+        self._children, self._lines = {}, queue.Queue()
+        self._interrupts = 0
+
+    def run(self):
+        """Start, watch, end. Returns True if the leader finished, False after Ctrl-C.
+
+        Raises ArmBrachyError naming the node that died and the last line of its log.
+        """
+        self._log_dir.mkdir(parents=True, exist_ok=True)
+        before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
+        with _Domain() as domain:
+            try:
+                for spec in self._specs:
+                    self._start(spec, domain)
+                return self._watch()
+            finally:
+                self._end_all()
+                for number, handler in before.items():
+                    signal.signal(number, handler)
+
+    def _on_signal(self, number, frame):
+        self._interrupts += 1
+
+    def _start(self, spec, domain):
+        log = (self._log_dir / f'{spec.name}.log').open('wb')
+        child = subprocess.Popen(
+            spec.argv(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log,
+            env=_environment(domain, self._log_dir), start_new_session=True,
+            preexec_fn=_die_with_parent)
+        log.close()
+        self._children[spec.name] = child
+        threading.Thread(target=self._listen, args=(spec.name, child), daemon=True).start()
+
+    def _listen(self, name, child):
+        for line in child.stdout:
+            self._lines.put((name, line))
+
+    def _watch(self):
+        while not self._interrupts:
+            try:
+                name, line = self._lines.get(timeout=0.1)
+            except queue.Empty:
+                self._check_alive()
+                continue
+            values = _progress(line)
+            if values is None:
+                continue
+            self._on_progress(name, values)
+            if name == self._leader and values.get('finished'):
+                return True
+        return False
+
+    def _check_alive(self):
+        for name, child in self._children.items():
+            status = child.poll()
+            if status is None:
+                continue
+            log = self._log_dir / f'{name}.log'
+            error = ArmBrachyError(f'{name} ended with status {status}: {_last_line(log)} '
+                                   f'(log: {log})')
+            error.exit_status = 2 if status == 2 else 1
+            raise error
+
+    def _end_all(self):
+        last = [n for n in self._children if n == graph.RECORDER.name]
+        self._end([n for n in self._children if n not in last], PATIENCE_S)
+        self._end(last, RECORDER_PATIENCE_S)
+
+    def _end(self, names, patience):
+        """SIGINT, wait, and only then SIGKILL; further Ctrl-C do not cut the closing short."""
+        for name in names:
+            _signal(self._children[name], signal.SIGINT)
+        deadline = time.monotonic() + patience
+        for name in names:
+            try:
+                self._children[name].wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                _signal(self._children[name], signal.SIGKILL)
+                self._children[name].wait()
+
+
+def _progress(line):
+    try:
+        return json.loads(line)['progress']
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def _last_line(log):
+    lines = log.read_text(errors='replace').strip().splitlines()
+    return lines[-1] if lines else 'it said nothing'
+
+
+def _signal(child, number):
+    if child.poll() is None:
+        try:
+            os.killpg(child.pid, number)
+        except ProcessLookupError:  # it ended between the two lines
+            pass
+
+
+def _die_with_parent():
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
+
+
+def _environment(domain, log_dir):
+    """Of every node: one DDS domain, this host only, one thread so that sums are reproducible."""
+    return {**os.environ, 'ROS_DOMAIN_ID': str(domain), 'ROS_LOG_DIR': str(log_dir),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PYTHONUNBUFFERED': '1',
+            'OMP_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'NUMBA_NUM_THREADS': '1',
+            'OPENBLAS_NUM_THREADS': '1'}
+
+
+class _Domain:
+    """A DDS domain no other run of this machine uses: $ROS_DOMAIN_ID, or a locked free one."""
+
+    def __enter__(self):
+        self._lock = None
+        if os.environ.get('ROS_DOMAIN_ID'):
+            return int(os.environ['ROS_DOMAIN_ID'])
+        for number in DOMAINS:
+            path = Path(tempfile.gettempdir()) / f'arm_brachy_domain_{number}.lock'
+            lock = path.open('w')
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                lock.close()
+                continue
+            self._lock = lock
+            return number
+        raise ArmBrachyError(f'all of {len(DOMAINS)} DDS domains are in use on this machine; end '
+                             'a run or set ROS_DOMAIN_ID')
+
+    def __exit__(self, *_):
+        if self._lock is not None:
+            self._lock.close()

@@ -1,0 +1,107 @@
+"""The lockstep clock: ticks simulated time once every node has answered the tick before."""
+
+import time
+
+from rclpy.node import Node
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+
+from arm_brachy import graph
+from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.nodes import parameters
+from arm_brachy.nodes.progress import Progress
+from arm_brachy.nodes.spin import spin_node
+from arm_brachy.nodes.ticker import asked, offered
+from arm_brachy_msgs.msg import TaskState, TickDone
+
+PATIENCE_S = 60.0  # longest wait for one answer before the run is given up; a first solve compiles
+
+
+class CellClock(Node):
+    """Publish /clock; wait for every peer; stop when the operator has finished.
+
+    in   cell/done/<node>  TickDone   of every peer
+         cell/task         TaskState  FINISHED ends the run
+    out  /clock            Clock      one message a tick, from tick 1
+    par  scenario, peers, speed_limit (simulated seconds per second, 0 = as fast as answers come)
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__(graph.CELL_CLOCK.name, **kwargs)
+        setup = parameters.node_setup(self)
+        self._speed_limit = parameters.number(
+            self, 'speed_limit', 0.0, 'simulated seconds per second; 0 = no limit', 0.0, 1e3)
+        self._tick_ns, self._end = setup.tick_ns, None
+        self._answers = dict.fromkeys(set(setup.peers) - {graph.CELL_CLOCK.name}, -1)
+        self._tick, self._tasks, self._tasks_due = 0, [], 0
+        self._began = self._last_answer = time.monotonic()
+        self._progress = Progress()
+        self._pub = self.create_publisher(Clock, graph.CLOCK.name, offered(graph.CLOCK))
+        for peer in sorted(self._answers):
+            topic = graph.TICK_DONE.at(node=peer)
+            self.create_subscription(TickDone, topic.name, self._on_done, asked(topic, True))
+        self.create_subscription(TaskState, graph.TASK.name, self._on_task,
+                                 asked(graph.TASK, True))
+        self.create_timer(1.0, self._watch)
+
+    def _on_task(self, msg):
+        self._tasks.append(msg)
+        self._advance()
+
+    def _on_done(self, msg):
+        self._answers[msg.node] = max(self._answers[msg.node], msg.tick)
+        self._tasks_due = max(self._tasks_due, self._tasks_said(msg))
+        self._last_answer = time.monotonic()
+        self._advance()
+
+    def _tasks_said(self, msg):
+        return dict(zip(msg.topics, msg.counts, strict=True)).get(graph.TASK.name, 0)
+
+    def _advance(self):
+        """Go on when all have answered and every task message they published is here."""
+        everyone = min(self._answers.values(), default=self._tick) >= self._tick
+        if everyone and len(self._tasks) >= self._tasks_due and self._ready():
+            self._next_tick()
+
+    def _ready(self):
+        """Before the first tick: every reader of /clock is connected."""
+        return self._tick > 0 or self._pub.get_subscription_count() >= len(self._answers)
+
+    def _next_tick(self):
+        if self._tasks and self._tasks[-1].state == TaskState.FINISHED:
+            self._finish()
+            return
+        if self._tick == 0:
+            self._began = time.monotonic()
+        self._tick += 1
+        self._wait_for_wall()
+        self._pub.publish(Clock(clock=Time(nanoseconds=self._tick * self._tick_ns).to_msg()))
+        self._progress.sometimes(t=self._tick * self._tick_ns * 1e-9, factor=self._factor(),
+                                 task=self._tasks[-1].name if self._tasks else '')
+
+    def _wait_for_wall(self):
+        if self._speed_limit > 0.0:
+            due = self._began + self._tick * self._tick_ns * 1e-9 / self._speed_limit
+            time.sleep(max(0.0, due - time.monotonic()))
+
+    def _factor(self):
+        """Simulated seconds per wall second since the first tick."""
+        return self._tick * self._tick_ns * 1e-9 / max(time.monotonic() - self._began, 1e-9)
+
+    def _finish(self):
+        self._progress.now(t=self._tick * self._tick_ns * 1e-9, factor=self._factor(),
+                           finished=True)
+        raise SystemExit(0)
+
+    def _watch(self):
+        waited = time.monotonic() - self._last_answer
+        behind = sorted(n for n, k in self._answers.items() if k < self._tick or k < 0)
+        if waited > PATIENCE_S:
+            raise ArmBrachyError(
+                f'cell_clock: no answer to tick {self._tick} for {waited:.0f} s from '
+                f'{", ".join(behind)}; allowed {PATIENCE_S:.0f} s: see their logs')
+
+
+def main(args=None):
+    """Run the node."""
+    spin_node(CellClock, args)

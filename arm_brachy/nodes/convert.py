@@ -1,0 +1,174 @@
+"""Messages to arrays and back; the only place where fields of messages are spelled out."""
+
+from array import array
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3, WrenchStamped
+from rclpy.time import Time
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from arm_brachy.cell import Reading
+from arm_brachy_msgs.msg import (
+    ActuatorCommand,
+    BodyPoints,
+    ManipulationState,
+    MeshPositions,
+    MeshTopology,
+    OpticalFrame,
+    PadState,
+    StepOutcome,
+    ToolStatus,
+)
+
+
+def header(t_ns, frame):
+    """std_msgs/Header for time t_ns [ns]."""
+    return Header(stamp=Time(nanoseconds=int(t_ns)).to_msg(), frame_id=frame)
+
+
+def nanoseconds(msg):
+    """Stamp of a message with a header [ns]."""
+    return msg.header.stamp.sec * 1_000_000_000 + msg.header.stamp.nanosec
+
+
+def floats(values):
+    """float64[] field from an array; array('d') is what rclpy takes without converting."""
+    return array('d', np.ascontiguousarray(values, dtype=np.float64).tobytes())
+
+
+def indices(values):
+    """uint32[] field from an array."""
+    return array('I', np.ascontiguousarray(values, dtype=np.uint32).tobytes())
+
+
+def point(p):
+    """geometry_msgs/Point from (3,)."""
+    return Point(x=float(p[0]), y=float(p[1]), z=float(p[2]))
+
+
+def vector(v):
+    """geometry_msgs/Vector3 from (3,)."""
+    return Vector3(x=float(v[0]), y=float(v[1]), z=float(v[2]))
+
+
+def xyz(p):
+    """(3,) from a Point or Vector3."""
+    return np.array([p.x, p.y, p.z])
+
+
+def joint_state(t_ns, frame, names, state):
+    """sensor_msgs/JointState from a devices.actuator.BankState."""
+    return JointState(header=header(t_ns, frame), name=list(names), position=floats(state.q),
+                      velocity=floats(state.velocity), effort=floats(state.effort))
+
+
+def actuator_command(t_ns, frame, names, q):
+    """ActuatorCommand MOVE to q (p,) [m]."""
+    return ActuatorCommand(header=header(t_ns, frame), mode=ActuatorCommand.MODE_MOVE,
+                           names=list(names), position=floats(q))
+
+
+def pad_state(t_ns, frame, names, pads):
+    """PadState from true pad positions (p,) [m] along their directions."""
+    return PadState(header=header(t_ns, frame), names=list(names), position=floats(pads))
+
+
+def body_points(t_ns, frame, names, positions, rotations, pads, pad_displacement, force, moment):
+    """BodyPoints from arrays: positions (k,3), rotations (k,3,3), pad arrays (p,3)."""
+    return BodyPoints(
+        header=header(t_ns, frame), names=list(names), positions=floats(positions),
+        orientations=floats(Rotation.from_matrix(rotations).as_quat()), pads=list(pads),
+        pad_displacement=floats(pad_displacement), pad_force=floats(force),
+        pad_moment=floats(moment))
+
+
+def positions_of(msg):
+    """(k,3) positions of a BodyPoints."""
+    return np.asarray(msg.positions).reshape(-1, 3)
+
+
+def rotations_of(msg):
+    """(k,3,3) rotations of a BodyPoints."""
+    return Rotation.from_quat(np.asarray(msg.orientations).reshape(-1, 4)).as_matrix()
+
+
+def mesh_topology(t_ns, frame, mesh, surface):
+    """MeshTopology of a TetMesh; surface (s,3) outward triangles."""
+    return MeshTopology(header=header(t_ns, frame), revision=1, rest_positions=floats(mesh.nodes),
+                        tetrahedra=indices(mesh.tets), surface=indices(surface))
+
+
+def mesh_positions(t_ns, frame, x):
+    """MeshPositions from nodes x (n,3) [m]."""
+    return MeshPositions(header=header(t_ns, frame), revision=1, positions=floats(x))
+
+
+def tool_pose(frame, sample):
+    """geometry_msgs/PoseStamped from a devices.em_tracker.ToolSample."""
+    q = sample.quaternion
+    return PoseStamped(
+        header=header(round(sample.t * 1e9), frame),
+        pose=Pose(position=point(sample.position),
+                  orientation=Quaternion(x=float(q[0]), y=float(q[1]), z=float(q[2]),
+                                         w=float(q[3]))))
+
+
+def tool_status(frame, sample):
+    """ToolStatus from a devices.em_tracker.ToolSample."""
+    return ToolStatus(header=header(round(sample.t * 1e9), frame), tool=sample.tool,
+                      frame_number=sample.frame_number % 2**32, status=sample.status.value,
+                      quality=float(sample.quality))
+
+
+def optical_frame(frame, sample):
+    """OpticalFrame from a devices.optical_tracker.OpticalFrame."""
+    return OpticalFrame(
+        header=header(round(sample.t * 1e9), frame), frame_number=sample.frame_number % 2**32,
+        ids=list(sample.ids), points=[point(p) for p in sample.points],
+        visible=[bool(v) for v in sample.visible])
+
+
+def wrench(frame, sample):
+    """geometry_msgs/WrenchStamped from a devices.force_sensor.ForceSample."""
+    msg = WrenchStamped(header=header(round(sample.t * 1e9), frame))
+    msg.wrench.force, msg.wrench.torque = vector(sample.force), vector(sample.moment)
+    return msg
+
+
+def outcome(t_ns, frame, source, value, message=''):
+    """StepOutcome; the message, where there is one, says more than the general advice."""
+    return StepOutcome(header=header(t_ns, frame), source=source, outcome=value.name,
+                       advice=message or value.advice)
+
+
+def diagnostics(t_ns, name, outcome_value, message, values):
+    """DiagnosticArray with one status; values : mapping name -> anything printable."""
+    level = DiagnosticStatus.OK if outcome_value.ok else DiagnosticStatus.WARN
+    status = DiagnosticStatus(
+        level=level, name=f'arm_brachy: {name}', message=message or outcome_value.name.lower(),
+        hardware_id='arm_brachy', values=[KeyValue(key=str(k), value=str(v))
+                                          for k, v in values.items()])
+    return DiagnosticArray(header=header(t_ns, ''), status=[status])
+
+
+def reading(msg):
+    """cell.Reading from a BodyPoints."""
+    return Reading(nanoseconds(msg) * 1e-9, tuple(msg.names), positions_of(msg),
+                   rotations_of(msg), np.reshape(msg.pad_displacement, (-1, 3)),
+                   np.reshape(msg.pad_force, (-1, 3)), np.reshape(msg.pad_moment, (-1, 3)))
+
+
+def manipulation_state(t_ns, frame, pursuit, step):
+    """ManipulationState from a control.manipulator.ManipulatorStep."""
+    closest = step.estimate if step.closest is None else step.closest
+    return ManipulationState(
+        header=header(t_ns, frame), target=pursuit.target, active=pursuit.active,
+        reached=bool(step.reached), reference=point(step.reference),
+        estimate=point(step.estimate), model=point(step.estimate - step.disturbance),
+        disturbance=vector(step.disturbance), error=vector(step.error),
+        jacobian=floats(step.jacobian), command=floats(step.command),
+        feasible=step.reach is None or step.reach.feasible, closest=point(closest),
+        outcome=step.outcome.name, message=step.message)

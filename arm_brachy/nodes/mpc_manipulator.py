@@ -1,0 +1,103 @@
+"""ROS 2 shell of the target manipulator: target and encoders in, pad commands out."""
+
+import numpy as np
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from arm_brachy import cell, graph
+from arm_brachy.control.goal import Goal, GoalKind
+from arm_brachy.core.errors import CommandRefused
+from arm_brachy.nodes import convert, parameters
+from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.spin import spin_node
+from arm_brachy.nodes.ticker import Ticker
+from arm_brachy_msgs.msg import SafetyState
+from arm_brachy_msgs.srv import SetGoal
+
+
+class MpcManipulatorNode(Node):
+    """Convert, call, convert back; it commands only while it pursues a goal.
+
+    in   actuators/state     JointState   encoders
+         em/<tool>/pose      PoseStamped  of every tool
+         cell/safety         SafetyState  a hold drops the goal
+    out  actuators/command   ActuatorCommand    every control period while a goal is pursued
+         manipulation/state  ManipulationState  every control period
+    srv  ~/set_goal SetGoal, ~/abort and ~/hold Trigger
+    par  scenario
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__(graph.MPC_MANIPULATOR.name, **kwargs)
+        setup = parameters.node_setup(self)
+        self._frame, self._names = setup.frame, [p.name for p in setup.cell.scene.pads]
+        self._control = cell.build_controller(setup.cell)
+        ticker = Ticker(self, graph.MPC_MANIPULATOR, self._work, lockstep=setup.lockstep,
+                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+        self._command_pub = ticker.publisher(graph.COMMAND)
+        self._state_pub = ticker.publisher(graph.MANIPULATION)
+        self._health = Health(self, ticker, self._frame)
+        self._poses = {graph.EM_POSE.at(tool=t).name: t for t in setup.cell.em_tools}
+        for _name, tool in self._poses.items():
+            ticker.subscribe(graph.EM_POSE.at(tool=tool))
+        ticker.subscribe(graph.ACTUATORS)
+        ticker.subscribe(graph.SAFETY)
+        self.create_service(SetGoal, '~/set_goal', self._on_goal)
+        self.create_service(Trigger, '~/abort', self._on_abort)
+        self.create_service(Trigger, '~/hold', self._on_hold)
+        ticker.start()
+
+    def _work(self, tick, t_ns, inputs):
+        for msg in inputs[graph.SAFETY.name]:
+            if msg.state != SafetyState.RUN:
+                self._control.abort()
+        for name, tool in self._poses.items():
+            for msg in inputs[name]:
+                self._control.hear(tool, convert.nanoseconds(msg) * 1e-9,
+                                   convert.xyz(msg.pose.position))
+        if inputs[graph.ACTUATORS.name]:
+            self._control.feel(inputs[graph.ACTUATORS.name][-1].position)
+        step = self._control.step(t_ns * 1e-9)
+        if step is not None:
+            self._publish(t_ns, step)
+        self._health.beat(t_ns, lambda: {'target': self._control.target,
+                                         'active': self._control.active})
+
+    def _publish(self, t_ns, step):
+        self._health.note(t_ns, step.outcome, step.message)
+        if self._control.active and np.all(np.isfinite(step.command)):
+            self._command_pub(convert.actuator_command(t_ns, self._frame, self._names,
+                                                       step.command))
+        self._state_pub(convert.manipulation_state(t_ns, self._frame, self._control, step))
+
+    def _on_goal(self, request, response):
+        axes = tuple(bool(a) for a in request.axes)
+        value = tuple(convert.xyz(request.goal))
+        kind = GoalKind.DISPLACEMENT if request.relative else GoalKind.POSITION
+        try:
+            answer = self._control.pursue(Goal(request.target, value, kind, axes))
+        except CommandRefused as refusal:
+            response.accepted, response.message = False, str(refusal)
+            self.get_logger().warning(response.message)
+            return response
+        response.accepted, response.feasible = True, answer.feasible
+        response.message = answer.message
+        response.start = convert.point(answer.start)
+        response.reference = convert.point(answer.reference)
+        response.closest = convert.point(answer.closest)
+        return response
+
+    def _on_abort(self, request, response):
+        self._control.abort()
+        response.success, response.message = True, 'the goal is dropped; the pads stay'
+        return response
+
+    def _on_hold(self, request, response):
+        self._control.hold()
+        response.success, response.message = True, 'holding; set a goal to go on'
+        return response
+
+
+def main(args=None):
+    """Run the node."""
+    spin_node(MpcManipulatorNode, args)

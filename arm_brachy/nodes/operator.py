@@ -1,0 +1,116 @@
+"""ROS 2 shell of the clinician's side: walks through the scenario's tasks."""
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from arm_brachy import graph
+from arm_brachy.control.sequencer import Action, Sequencer
+from arm_brachy.nodes import convert, parameters
+from arm_brachy.nodes.progress import Progress
+from arm_brachy.nodes.spin import spin_node
+from arm_brachy.nodes.ticker import Ticker
+from arm_brachy_msgs.msg import TaskState
+from arm_brachy_msgs.srv import SetGoal
+
+HOME = 0.2e-3   # a pad whose encoder reads less [m] is at home: a few counts of its resolution
+REST = 0.1e-3   # and slower than this [m/s] is at rest
+
+
+class OperatorNode(Node):
+    """Set a goal, wait, send the pads home, next task; the tick is answered with the service.
+
+    in   actuators/state  JointState
+         manipulation/state  ManipulationState  (its tick comes before ours)
+    out  cell/task        TaskState
+    calls mpc_manipulator/set_goal, mpc_manipulator/abort, actuator_driver/home
+    par  scenario
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__(graph.OPERATOR.name, **kwargs)
+        setup = parameters.node_setup(self)
+        self._frame, self._lockstep = setup.frame, setup.lockstep
+        self._tasks = setup.cell.scenario.tasks
+        self._sequencer = Sequencer(self._tasks, setup.cell.scenario.settle)
+        self._goal_client = self.create_client(SetGoal, 'mpc_manipulator/set_goal')
+        self._abort_client = self.create_client(Trigger, 'mpc_manipulator/abort')
+        self._home_client = self.create_client(Trigger, 'actuator_driver/home')
+        self._state, self._at_home = None, False
+        self._progress = Progress()
+        ticker = Ticker(self, graph.OPERATOR, self._work, lockstep=setup.lockstep,
+                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+        self._task_pub = ticker.publisher(graph.TASK)
+        self._diagnostics_pub = ticker.publisher(graph.DIAGNOSTICS)
+        for topic in graph.OPERATOR.subscribes:
+            ticker.subscribe(topic)
+        ticker.start()
+
+    def _work(self, tick, t_ns, inputs):
+        for msg in inputs[graph.ACTUATORS.name]:
+            q, v = np.asarray(msg.position), np.asarray(msg.velocity)
+            self._at_home = bool(np.all(q < HOME) and np.all(np.abs(v) < REST))
+        action = self._sequencer.step(t_ns * 1e-9, self._at_home)
+        if action is Action.SET_GOAL:
+            return self._set_goal(t_ns, self._tasks[self._sequencer.index])
+        if action is Action.RELEASE:
+            return self._release(t_ns)
+        if action is Action.FINISH:
+            self._finish(t_ns)
+        if not self._lockstep:
+            self._progress.sometimes(tick=tick, phase=self._sequencer.phase.value)
+        return None
+
+    def _set_goal(self, t_ns, task):
+        request = SetGoal.Request(
+            header=convert.header(t_ns, self._frame), target=task.target, relative=True,
+            goal=convert.point(task.displacement), axes=[a in task.axes for a in 'xyz'])
+        finished = Future()
+        future = self._goal_client.call_async(request)
+        future.add_done_callback(
+            lambda f: self._goal_set(t_ns, task, request, f.result(), finished))
+        return finished
+
+    def _goal_set(self, t_ns, task, request, answer, finished):
+        state = TaskState.ACTIVE if answer.accepted else TaskState.REFUSED
+        self._state = TaskState(
+            header=request.header, state=state, index=self._sequencer.index, name=task.name,
+            target=task.target, start=answer.start, goal=answer.reference, axes=request.axes,
+            message=answer.message)
+        self._task_pub(self._state)
+        self.get_logger().info(f'{task.name}: {answer.message or "goal accepted"}')
+        finished.set_result(None)
+
+    def _release(self, t_ns):
+        self._say(t_ns, TaskState.DONE)
+        finished = Future()
+        aborted = self._abort_client.call_async(Trigger.Request())
+
+        def go_home(_):
+            self._home_client.call_async(Trigger.Request()).add_done_callback(
+                lambda f: self._homing(t_ns, f.result(), finished))
+
+        aborted.add_done_callback(go_home)
+        return finished
+
+    def _homing(self, t_ns, answer, finished):
+        self._say(t_ns, TaskState.HOMING, '' if answer.success else answer.message)
+        finished.set_result(None)
+
+    def _finish(self, t_ns):
+        if self._state is None or self._state.state != TaskState.FINISHED:
+            self._say(t_ns, TaskState.FINISHED)
+            if not self._lockstep:
+                self._progress.now(finished=True)
+
+    def _say(self, t_ns, state, message=''):
+        msg = TaskState() if self._state is None else self._state
+        msg.header, msg.state, msg.message = convert.header(t_ns, self._frame), state, message
+        self._state = msg
+        self._task_pub(msg)
+
+
+def main(args=None):
+    """Run the node."""
+    spin_node(OperatorNode, args)

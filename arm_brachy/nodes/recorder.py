@@ -1,0 +1,100 @@
+"""ROS 2 shell of the recorder: every topic as raw bytes into an MCAP bag."""
+
+from collections import Counter
+
+from rclpy.node import Node
+
+from arm_brachy import graph, provenance
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.nodes import parameters
+from arm_brachy.nodes.spin import spin_node
+from arm_brachy.nodes.ticker import Ticker, offered
+from arm_brachy.recording.canonical import Canonical
+from arm_brachy.recording.qos import Qos
+from arm_brachy.recording.schema import message_definition
+from arm_brachy.recording.writer import BagWriter
+from arm_brachy.scenario import bundle
+
+
+class RecorderNode(Node):
+    """Write what was published, tick by tick, in an order that follows from the data alone.
+
+    in   every topic of the graph, raw;  /clock and cell/done/* of every peer
+    par  scenario; output: folder of the bag, must not exist (required)
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__(graph.RECORDER.name, **kwargs)
+        setup = parameters.node_setup(self)
+        output = parameters.text(self, 'output', '', 'folder of the bag; must not exist yet')
+        if not output:
+            raise ConfigError('recorder: parameter output is missing; give -p output:=<folder>')
+        cell = setup.cell
+        self._writer = BagWriter(output, provenance=provenance.of(cell),
+                                 attachments=bundle(cell))
+        pads = [p.name for p in cell.scene.pads]
+        present = [t for t in graph.instances(cell.em_tools, pads)
+                   if graph.writers(t.name, setup.peers)]
+        shared = [t for t in present if len(graph.writers(t.name, setup.peers)) > 1]
+        answers = [graph.TICK_DONE.at(node=p) for p in setup.peers]
+        self._topics = {t.name: t for t in (*present, *answers, graph.CLOCK)}
+        self._declared, self._sequence = {}, Counter()
+        self._ticker = Ticker(self, graph.RECORDER, self._work, lockstep=setup.lockstep,
+                              tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+        self._ticker.witness = self._keep
+        self._canonical = Canonical({t.type: message_definition(t.type) for t in shared})
+        self._shared, self._ends = {t.name: t.type for t in shared}, []
+        for topic in present:
+            self._ticker.subscribe(topic, raw=True)
+        self._ticker.start()
+
+    def _work(self, tick, t_ns, inputs):
+        self._write_all(t_ns, inputs)
+        self._write_ends(t_ns)
+
+    def _write_all(self, t_ns, inputs):
+        for name in sorted(inputs):
+            for data in self._in_order(name, inputs[name]):
+                self._write(name, data, t_ns)
+
+    def _in_order(self, name, batch):
+        """Messages of several publishers arrive in an order of chance: sort them by content."""
+        if name not in self._shared:
+            return batch
+        return sorted(self._canonical.data(data, self._shared[name]) for data in batch)
+
+    def _write(self, name, data, t_ns):
+        if name not in self._declared:
+            self._declare(name)
+        self._sequence[name] += 1
+        self._writer.write(self._declared[name], data, t_ns, sequence=self._sequence[name])
+
+    def _declare(self, name):
+        """Tell the bag name, type and offer of a topic, as the table of the graph has them."""
+        topic, full_name = self._topics[name], self.resolve_topic_name(name)
+        self._writer.add_topic(full_name, topic.type, qos=(_qos(offered(topic)),))
+        self._declared[name] = full_name
+
+    def _keep(self, name, t_ns, data):
+        self._ends.append((t_ns, name, data))
+
+    def _write_ends(self, t_ns):
+        """Ticks and answers up to t_ns, in order of time and name."""
+        for when, name, data in sorted(e for e in self._ends if e[0] <= t_ns):
+            self._write(name, data, when)
+        self._ends = [e for e in self._ends if e[0] > t_ns]
+
+    def close(self):
+        """Write what has arrived since the last tick, then finish the bag."""
+        self._write_all(self._ticker.last_ns, self._ticker.drain())
+        self._writer.close()
+
+
+def _qos(profile):
+    return Qos(history=int(profile.history), depth=profile.depth,
+               reliability=int(profile.reliability), durability=int(profile.durability))
+
+
+def main(args=None):
+    """Run the node."""
+    spin_node(RecorderNode, args)

@@ -1,0 +1,42 @@
+"""Start, run and end one node; the only init and shutdown in the package."""
+
+import signal
+import sys
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+
+from arm_brachy.core.errors import ArmBrachyError
+
+
+def spin_node(make_node, args=None):
+    """Run one node until it is interrupted or asks to end.
+
+    make_node : callable returning a Node
+    Exits with the status of an ArmBrachyError (its one line on stderr) raised while the node is
+    made, with 1 for one raised later, else 0. A second Ctrl-C does not cut the clean-up short.
+    """
+    rclpy.init(args=args)
+    node = None
+    try:
+        node = make_node()
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except ArmBrachyError as error:
+        raise SystemExit(_report(node, error)) from None
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        if node is not None:
+            close = getattr(node, 'close', None)
+            if close is not None:
+                close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _report(node, error):
+    name = node.get_name() if node is not None else 'arm_brachy'
+    print(f'{name}: {error}', flush=True, file=sys.stderr)
+    return error.exit_status

@@ -1,0 +1,94 @@
+"""ROS 2 shell of the supervisor: watches forces and signs of life, allows or forbids motion."""
+
+import time
+
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from arm_brachy import graph
+from arm_brachy.control.safety import Permission, Safety
+from arm_brachy.core.outcome import Outcome
+from arm_brachy.nodes import convert, parameters
+from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.spin import spin_node
+from arm_brachy.nodes.ticker import Ticker, asked
+from arm_brachy_msgs.msg import SafetyState, TickDone
+
+
+class SupervisorNode(Node):
+    """Convert, judge, publish the permission every tick and at once when it changes.
+
+    in   force/<pad>/wrench  WrenchStamped  against the force limit
+         cell/done/<node>    TickDone       sign of life of every peer
+    out  cell/safety         SafetyState    every tick
+    srv  ~/emergency_stop, ~/hold, ~/reset  Trigger
+    par  scenario, pad_force_N, silence_s
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__(graph.SUPERVISOR.name, **kwargs)
+        setup = parameters.node_setup(self)
+        limits = parameters.device_parameters(self, setup.cell.scenario.limits)
+        self._frame, self._silence = setup.frame, limits.silence
+        self._safety = Safety(limits.pad_force)
+        self._heard, self._now_ns = {}, 0
+        ticker = Ticker(self, graph.SUPERVISOR, self._work, lockstep=setup.lockstep,
+                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+        self._pub = ticker.publisher(graph.SAFETY)
+        self._health = Health(self, ticker, self._frame)
+        self._pads = {graph.WRENCH.at(pad=p.name).name: p.name for p in setup.cell.scene.pads}
+        for pad in self._pads.values():
+            ticker.subscribe(graph.WRENCH.at(pad=pad))
+        if not setup.lockstep:
+            self._watch_peers(setup.peers)
+        self.create_service(Trigger, '~/emergency_stop', self._on_stop)
+        self.create_service(Trigger, '~/hold', self._on_hold)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        ticker.start()
+
+    def _watch_peers(self, peers):
+        """At wall pace a silent node is a hold; in lockstep the clock waits, so nothing moves."""
+        for peer in set(peers) - {graph.SUPERVISOR.name, graph.CELL_CLOCK.name,
+                                  graph.RECORDER.name}:
+            topic = graph.TICK_DONE.at(node=peer)
+            self.create_subscription(TickDone, topic.name, self._on_alive, asked(topic, False))
+
+    def _on_alive(self, msg):
+        self._heard[msg.node] = time.monotonic()
+
+    def _work(self, tick, t_ns, inputs):
+        self._now_ns = t_ns
+        for name, pad in self._pads.items():
+            for msg in inputs[name]:
+                self._safety.force(pad, convert.xyz(msg.wrench.force))
+        now = time.monotonic()
+        self._safety.silent(sorted(n for n, t in self._heard.items() if now - t > self._silence))
+        self._publish()
+        outcome = Outcome.OK if self._safety.permission is Permission.RUN else Outcome.HELD
+        self._health.note(t_ns, outcome, self._safety.reason)
+        self._health.beat(t_ns, lambda: {'permission': self._safety.permission.name})
+
+    def _publish(self):
+        self._pub(SafetyState(header=convert.header(self._now_ns, self._frame),
+                              state=int(self._safety.permission), reason=self._safety.reason))
+
+    def _on_stop(self, request, response):
+        self._safety.stop('emergency stop on request')
+        return self._changed(response, True, 'stopped; call ~/reset to run again')
+
+    def _on_hold(self, request, response):
+        self._safety.hold('hold on request')
+        return self._changed(response, True, 'holding; call ~/reset to run again')
+
+    def _on_reset(self, request, response):
+        return self._changed(response, *self._safety.reset())
+
+    def _changed(self, response, success, message):
+        self._publish()
+        response.success, response.message = success, message
+        return response
+
+
+def main(args=None):
+    """Run the node."""
+    spin_node(SupervisorNode, args)

@@ -1,0 +1,65 @@
+"""ROS 2 shell of the soft body: pad positions in, points, wrenches and mesh out."""
+
+from rclpy.node import Node
+
+from arm_brachy import cell, graph
+from arm_brachy.nodes import convert, parameters
+from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.spin import spin_node
+from arm_brachy.nodes.ticker import Ticker
+
+
+class TissueNode(Node):
+    """Convert, step the body, convert back.
+
+    Plant (tissue_simulator): in truth/pads, out truth/points, truth/mesh/...
+    Model (tissue_model): in actuators/state, out model/points, model/mesh/...
+    par  scenario
+    """
+
+    def __init__(self, spec, side, pads_topic, points, topology, positions, **kwargs):
+        """side : 'plant' or 'model'; the five topics as in the table above."""
+        super().__init__(spec.name, **kwargs)
+        setup = parameters.node_setup(self)
+        self._frame, self._pads_topic, self._positions_topic = setup.frame, pads_topic, positions
+        self._body = cell.build_tissue(setup.cell, side)
+        self._mesh_period_ns = round(1e9 / setup.cell.scenario.mesh_rate)
+        self._mesh_due_ns = 0
+        ticker = Ticker(self, spec, self._work, lockstep=setup.lockstep, tick_ns=setup.tick_ns,
+                        peers=setup.peers, absent=setup.absent)
+        self._points_pub = ticker.publisher(points)
+        self._topology_pub = ticker.publisher(topology)
+        self._positions_pub = ticker.publisher(positions)
+        self._health = Health(self, ticker, self._frame)
+        ticker.subscribe(pads_topic)
+        self._topology_pub(convert.mesh_topology(0, self._frame, self._body.mesh,
+                                                 self._body.surface))
+        ticker.start()
+
+    def _work(self, tick, t_ns, inputs):
+        states = inputs[self._pads_topic.name]
+        if not states:
+            return
+        msg = states[-1]  # wall pace only: a body that fell behind skips to the newest
+        stamp = convert.nanoseconds(msg)
+        reading = self._body.step(stamp * 1e-9, msg.position)
+        self._health.note(stamp, reading.outcome)
+        self._points_pub(convert.body_points(
+            stamp, self._frame, self._body.point_names, reading.points, reading.rotations,
+            self._body.pad_names, reading.pad_displacement, reading.pad_force,
+            reading.pad_moment))
+        if stamp >= self._mesh_due_ns:
+            self._mesh_due_ns = (stamp // self._mesh_period_ns + 1) * self._mesh_period_ns
+            self._positions_pub(convert.mesh_positions(stamp, self._frame, reading.x))
+        self._health.beat(stamp, lambda: {'tick': tick, 'iterations': reading.iterations})
+
+
+def plant():
+    """The body that plays the patient."""
+    return TissueNode(graph.TISSUE_SIMULATOR, 'plant', graph.TRUTH_PADS, graph.TRUTH_POINTS,
+                      graph.TRUTH_TOPOLOGY, graph.TRUTH_POSITIONS)
+
+
+def main(args=None):
+    """Run the node."""
+    spin_node(plant, args)

@@ -1,0 +1,312 @@
+"""From a bag to numbers, without ROS: run data, the model's predictions, the reports."""
+
+from collections import Counter, defaultdict
+from dataclasses import replace
+
+import numpy as np
+
+from arm_brachy import cell as cells
+from arm_brachy import graph
+from arm_brachy.core.errors import ConfigError, RecordingError
+from arm_brachy.evaluation.timeseries import (
+    EmSamples,
+    NodeOutcome,
+    OpticalFrames,
+    PadMark,
+    RunData,
+    Series,
+    TaskWindow,
+    Tissue,
+    TopicRecord,
+)
+from arm_brachy.recording.reader import BagReader, stamp_ns
+from arm_brachy.recording.writer import PROVENANCE
+from arm_brachy.scenario import load_cell, unbundle
+
+ACTIVE, ENDED = 2, (0, 1, 3, 5)  # arm_brachy_msgs/TaskState
+
+
+class _Tally:
+    """Collects what one pass over a bag finds, topic by topic."""
+
+    def __init__(self):
+        self.series = defaultdict(lambda: ([], []))
+        self.stamps, self.published = defaultdict(list), Counter()
+        self.tasks, self.outcomes, self.last_outcome = [], Counter(), {}
+        self.topology = None
+        self.pads = self.points = ()
+        self.ids = ()
+
+    def add(self, name, t, value):
+        """Append one sample of a named signal."""
+        times, values = self.series[name]
+        times.append(t)
+        values.append(value)
+
+    def get(self, name):
+        """The signal as Series, or None if it never came."""
+        if name not in self.series:
+            return None
+        times, values = self.series[name]
+        return Series(np.array(times), np.array(values))
+
+
+def _vectors(flat):
+    return np.asarray(flat, dtype=float).reshape(-1, 3)
+
+
+def _xyz(p):
+    return np.array([p.x, p.y, p.z])
+
+
+def _on_encoder(tally, topic, t, msg):
+    tally.add('encoder', t, np.asarray(msg.position, dtype=float))
+
+
+def _on_command(tally, topic, t, msg):
+    if len(msg.position):
+        tally.add('command', t, np.asarray(msg.position, dtype=float))
+
+
+def _on_pose(tally, topic, t, msg):
+    tally.add(('pose', topic.split('/')[-2]), t, _xyz(msg.pose.position))
+
+
+def _on_status(tally, topic, t, msg):
+    tally.add(('status', topic.split('/')[-2]), t, (msg.status, msg.quality))
+
+
+def _on_optical(tally, topic, t, msg):
+    tally.ids = tuple(msg.ids)
+    tally.add('optical', t, np.array([_xyz(p) for p in msg.points]).reshape(-1, 3))
+    tally.add('visible', t, np.array(msg.visible, dtype=bool))
+
+
+def _on_wrench(tally, topic, t, msg):
+    tally.add(('force', topic.split('/')[-2]), t, _xyz(msg.wrench.force))
+
+
+def _on_truth_pads(tally, topic, t, msg):
+    tally.add('pads', t, np.asarray(msg.position, dtype=float))
+
+
+def _on_points(tally, topic, t, msg):
+    side = topic.split('/')[-2]
+    tally.points, tally.pads = tuple(msg.names), tuple(msg.pads)
+    tally.add((side, 'points'), t, _vectors(msg.positions))
+    tally.add((side, 'force'), t, _vectors(msg.pad_force))
+
+
+def _on_topology(tally, topic, t, msg):
+    tally.topology = (_vectors(msg.rest_positions), np.asarray(msg.tetrahedra).reshape(-1, 4))
+
+
+def _on_positions(tally, topic, t, msg):
+    tally.add('mesh', t, _vectors(msg.positions))
+
+
+def _on_task(tally, topic, t, msg):
+    tally.tasks.append((t, msg))
+
+
+def _on_outcome(tally, topic, t, msg):
+    key = (msg.source, msg.outcome)
+    tally.outcomes[key] += 1
+    tally.last_outcome[key] = msg.advice
+
+
+def _on_done(tally, topic, t, msg):
+    for name, count in zip(msg.topics, msg.counts, strict=True):
+        tally.published[msg.node, name] = max(tally.published[msg.node, name], count)
+
+
+HANDLERS = (
+    (graph.ACTUATORS, _on_encoder), (graph.COMMAND, _on_command), (graph.EM_POSE, _on_pose),
+    (graph.EM_STATUS, _on_status), (graph.OPTICAL, _on_optical), (graph.WRENCH, _on_wrench),
+    (graph.TRUTH_PADS, _on_truth_pads), (graph.TRUTH_POINTS, _on_points),
+    (graph.MODEL_POINTS, _on_points), (graph.TRUTH_TOPOLOGY, _on_topology),
+    (graph.TRUTH_POSITIONS, _on_positions), (graph.TASK, _on_task),
+    (graph.OUTCOME, _on_outcome))
+
+
+def _handler(name):
+    return next((h for topic, h in HANDLERS if topic.matches(name.lstrip('/'))), None)
+
+
+def _tally(bag):
+    """One pass over an open BagReader; of the answers to ticks only the last are decoded."""
+    tally, last_done = _Tally(), {}
+    done = {n for n in bag.topics() if graph.TICK_DONE.matches(n.lstrip('/'))}
+    for record in bag.records(sorted(done)) if done else ():
+        tally.stamps[record.topic].append(record.log_time_ns * 1e-9)
+        last_done[record.topic] = record.log_time_ns
+    for name, when in last_done.items():
+        for _, msg in bag.messages([name], start_ns=when):
+            _on_done(tally, name, when, msg)
+    rest = sorted(set(bag.topics()) - done)
+    for record, msg in bag.messages(rest) if rest else ():
+        t = (stamp_ns(msg) if hasattr(msg, 'header') else record.log_time_ns) * 1e-9
+        tally.stamps[record.topic].append(t)
+        handle = _handler(record.topic)
+        if handle is not None:
+            handle(tally, record.topic, t, msg)
+    return tally
+
+
+def recorded_cell(bag, folder):
+    """The cell that a bag was recorded from, unpacked into `folder`.
+
+    bag : path.  Raises ConfigError if the bag holds no scenario (an import, for instance).
+    """
+    with BagReader(bag) as reader:
+        files = reader.attachments()
+    try:
+        return load_cell(unbundle(files, folder))
+    except ConfigError as error:
+        raise ConfigError(f'{bag}: {error}') from None
+
+
+def load_run(bag):
+    """Read a bag (path) as evaluation.timeseries.RunData. Raises RecordingError."""
+    with BagReader(bag) as reader:
+        tally = _tally(reader)
+        origin = reader.metadata().get(PROVENANCE, {})
+        kinds = {name: topic.type for name, topic in reader.topics().items()}
+        files = reader.attachments()
+    return RunData(
+        name=origin.get('name', str(bag)), scenario=files.get('scenario.yaml', b'').decode(),
+        seed=int(origin.get('seed', 0)), commit=origin.get('commit', 'unknown'),
+        machine=origin.get('machine', 'unknown'), recorded_at=origin.get('start', ''),
+        tasks=_windows(tally), truth=_truth(tally), em=_em(tally),
+        encoder=tally.get('encoder'), command_position=tally.get('command'),
+        pad_displacement=tally.get('pads'), force=_forces(tally), optical=_optical(tally),
+        tissue=_tissue(tally), topics=_topics(tally, kinds), outcomes=_outcomes(tally))
+
+
+def _windows(tally):
+    windows, start = [], None
+    for t, msg in tally.tasks:
+        if start is not None and msg.state in ENDED:
+            windows.append(_window(start, t))
+            start = None
+        if msg.state == ACTIVE:
+            start = (t, msg)
+    return tuple(windows)
+
+
+def _window(start, t_end):
+    t, msg = start
+    return TaskWindow(msg.name, msg.target, t, t_end, _xyz(msg.start), _xyz(msg.goal),
+                      np.array(msg.axes, dtype=bool))
+
+
+def _truth(tally):
+    points = tally.get(('truth', 'points'))
+    if points is None:
+        return {}
+    return {name: Series(points.t, points.values[:, i]) for i, name in enumerate(tally.points)}
+
+
+def _em(tally):
+    out = {}
+    for kind, tool in [k for k in tally.series if isinstance(k, tuple) and k[0] == 'status']:
+        status, pose = tally.get((kind, tool)), tally.get(('pose', tool))
+        position = np.full((len(status), 3), np.nan)
+        if pose is not None:
+            where = np.searchsorted(status.t, pose.t)
+            position[where] = pose.values
+        out[tool] = EmSamples(status.t, position, status.values[:, 1],
+                              status.values[:, 0].astype(int))
+    return out
+
+
+def _forces(tally):
+    pads = sorted(k for k in tally.series if isinstance(k, tuple) and k[0] == 'force')
+    if not pads:
+        return None
+    series = [tally.get(k) for k in pads]
+    n = min(len(s) for s in series)
+    return Series(series[0].t[:n], np.stack([s.values[:n] for s in series], axis=1))
+
+
+def _optical(tally):
+    points = tally.get('optical')
+    if points is None:
+        return None
+    return OpticalFrames(points.t, tally.ids, points.values, tally.get('visible').values)
+
+
+def _tissue(tally):
+    mesh = tally.get('mesh')
+    if mesh is None or tally.topology is None:
+        return None
+    return Tissue(mesh.t, mesh.values, *tally.topology)
+
+
+def _topics(tally, kinds):
+    published = Counter()
+    for (_, name), count in tally.published.items():
+        published['/' + name.lstrip('/')] += count
+    return tuple(TopicRecord(name, kinds[name], np.sort(np.array(tally.stamps[name])),
+                             published.get(name)) for name in sorted(tally.stamps))
+
+
+def _outcomes(tally):
+    return tuple(NodeOutcome(node, outcome, n, tally.last_outcome[node, outcome])
+                 for (node, outcome), n in sorted(tally.outcomes.items()))
+
+
+def with_scene(run, scene):
+    """Add to RunData what only the scene knows: where pads and markers sit at rest."""
+    directions = cells.pad_directions(scene)
+    pads = tuple(PadMark(p.name, np.array(p.centre), d)
+                 for p, d in zip(scene.pads, directions, strict=True))
+    return replace(run, pads=pads,
+                   markers={m.name: np.array(m.position) for m in scene.markers})
+
+
+def predict(cell, times, encoder=None):
+    """What the model says at every tick that brings news.
+
+    cell : scenario.Cell;  times : (n,) [s] ticks, increasing
+    encoder : Series of (k, p) [m] with the times of its samples; None for a body without pads
+    Returns a list of cell.Reading. The node tissue_model computes the same, bit for bit.
+    Raises RecordingError if the numbers of actuators differ.
+    """
+    body = cells.build_tissue(cell, 'model')
+    p = len(body.pad_names)
+    if p and encoder is None:
+        raise RecordingError(f'scene {cell.scene.name} has {p} pads and the recording no '
+                             'actuators/state; give a scene without pads or import the encoders')
+    if p and encoder.values.shape[1] != p:
+        raise RecordingError(f'the recording has {encoder.values.shape[1]} actuators, scene '
+                             f'{cell.scene.name} {p} pads; give the scene it was made with')
+    return list(_readings(body, np.asarray(times), encoder if p else None))
+
+
+def _readings(body, times, encoder):
+    before = -np.inf
+    for t in times:
+        if encoder is None:
+            yield body.step(t, np.zeros(0))
+            continue
+        due = np.flatnonzero((encoder.t > before) & (encoder.t <= t))
+        before = t
+        if len(due):
+            yield body.step(encoder.t[due[-1]], encoder.values[due[-1]])
+
+
+def model_points(bag):
+    """What a model said while the bag was recorded.
+
+    Returns (names, t (n,) [s], points (n, k, 3) [m]), or None if no model ran.
+    """
+    topic = '/' + graph.MODEL_POINTS.name
+    with BagReader(bag) as reader:
+        if topic not in reader.topics():
+            return None
+        tally = _Tally()
+        for _, msg in reader.messages([topic]):
+            _on_points(tally, topic, stamp_ns(msg) * 1e-9, msg)
+    series = tally.get(('model', 'points'))
+    return tally.points, series.t, series.values

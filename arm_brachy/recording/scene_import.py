@@ -1,0 +1,219 @@
+"""Another laboratory's dome rig (its scene.yaml) -> our scene file and column maps.
+
+The classes below are that form, field by field; lengths in m, pressure in Pa. Keys that have no
+counterpart here are listed in the report, not dropped in silence.
+"""
+
+import dataclasses
+import os
+import typing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from ruamel.yaml import YAML
+
+from arm_brachy.core import config
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, Region, Scene, Target
+from arm_brachy.recording.csv_map import ColumnMap, CsvFile, Encoders, Forces, Optical, Tools
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Units:
+    """Only SI is converted; another unit is refused."""
+
+    length: Literal['m']
+    force: Literal['N']
+    time: Literal['s']
+    pressure: Literal['Pa']
+
+
+@dataclass(frozen=True)
+class TheirMesh:
+    """npz : nodes (n, 3) [m], tets (m, 4), base_nodes and pad_nodes_<k> (node indices)."""
+
+    npz: str
+
+
+@dataclass(frozen=True)
+class TheirMaterial:
+    """Isochoric Neo-Hookean, mu = E / (2 (1 + nu)), kappa = E / (3 (1 - 2 nu)), as (3.18)."""
+
+    model: Literal['neo_hookean']
+    E: float
+    nu: float
+    density: float
+
+
+@dataclass(frozen=True)
+class TheirFixed:
+    """Name of the node set that does not move."""
+
+    set: str
+
+
+@dataclass(frozen=True)
+class TheirPad:
+    """A bonded rigid disc; direction is a unit vector into the tissue; lengths in m."""
+
+    name: str
+    centre: Vector
+    radius: float
+    direction: Vector
+    stroke_max: float
+    node_set: str
+
+
+@dataclass(frozen=True)
+class TheirPoint:
+    """A marker or EM target at rest [m]; body: tissue, base or the name of a pad."""
+
+    id: str
+    reference: Vector
+    body: str = 'tissue'
+
+
+@dataclass(frozen=True)
+class TheirForces:
+    """sign : in words, what acts on what."""
+
+    sign: str
+
+
+@dataclass(frozen=True)
+class TheirSensors:
+    """Of the sensors only the sign of the forces is needed to read their files."""
+
+    forces: TheirForces
+
+
+@dataclass(frozen=True)
+class TheirRecording:
+    """A folder with encoders, forces, optical and em .csv.gz."""
+
+    name: str
+    folder: str
+
+
+@dataclass(frozen=True)
+class TheirScene:
+    """The whole file."""
+
+    units: Units
+    mesh: TheirMesh
+    material: TheirMaterial
+    gravity: Vector
+    fixed: TheirFixed
+    pads: tuple[TheirPad, ...]
+    markers: tuple[TheirPoint, ...]
+    em_targets: tuple[TheirPoint, ...]
+    sensors: TheirSensors
+    recordings: tuple[TheirRecording, ...] = ()
+
+
+# Their sentence about the sign -> ours.
+FORCE_SIGNS = {'tissue exerts on the pad': 'on_tool', 'pad exerts on the tissue': 'on_tissue'}
+
+
+def import_scene(path, out_dir, *, name=None):
+    """Write our scene file, and one column map per recording, for a scene of that form.
+
+    path : their scene.yaml
+    out_dir : receives `<name>.yaml` and, per recording, `<name>_<recording>.columns.yaml`
+    name : of the scene, by default that of the folder the file is in
+    The mesh and the CSV files stay where they are and are referred to by relative path.
+    Returns a dict: scene, maps (recording -> path), unused (their keys that have no counterpart).
+    Raises ConfigError with file and line.
+    """
+    path, out_dir = Path(path), Path(out_dir)
+    data = config.read_yaml(path)
+    unused = []
+    theirs = config.from_mapping(TheirScene, _known(TheirScene, data, '', unused), str(path))
+    name = name or path.resolve().parent.name
+    out_dir.mkdir(parents=True, exist_ok=True)
+    base = Path(os.path.relpath(path.resolve().parent, out_dir.resolve()))
+    scene_file = out_dir / f'{name}.yaml'
+    _write(scene_file, _scene(theirs, base, name))
+    maps = {}
+    for recording in theirs.recordings:
+        maps[recording.name] = str(out_dir / f'{name}_{recording.name}.columns.yaml')
+        _write(Path(maps[recording.name]), _columns(theirs, path, base, name, recording))
+    return {'scene': str(scene_file), 'maps': maps, 'unused': unused}
+
+
+def _scene(theirs, base, name):
+    material = Material(theirs.material.E, theirs.material.nu, theirs.material.density)
+    pads = tuple(PadPatch(p.name, p.centre, p.direction, p.radius, p.stroke_max, p.node_set)
+                 for p in theirs.pads)
+    return Scene(
+        name=name,
+        mesh=MeshFile(str(base / theirs.mesh.npz)),
+        fixed=Region('set', set=theirs.fixed.set),
+        material=material,
+        gravity=theirs.gravity,
+        pads=pads,
+        markers=tuple(Marker(m.id, m.reference, m.body) for m in theirs.markers),
+        targets=tuple(Target(t.id, t.reference) for t in theirs.em_targets),
+        source=f'converted from the rig description of {name}',
+    )
+
+
+def _columns(theirs, path, base, name, recording):
+    folder = base / recording.folder
+    pads = {pad.name: str(i) for i, pad in enumerate(theirs.pads)}
+
+    def file(stem):
+        return CsvFile(str(folder / f'{stem}.csv.gz'), time='t_s')
+
+    return ColumnMap(
+        name=f'{name}_{recording.name}',
+        encoders=(Encoders(file('encoders'), 'q{key}_m', names=pads),),
+        forces=(Forces(file('forces'), 'f{key}{axis}_N', _sign(theirs, path), names=pads),),
+        optical=(Optical(file('optical'), '{key}_{axis}_m',
+                         names={m.id: m.id for m in theirs.markers}),),
+        em=(Tools(file('em'), '{key}_{axis}_m', names={t.id: t.id for t in theirs.em_targets}),),
+    )
+
+
+def _sign(theirs, path):
+    said = theirs.sensors.forces.sign
+    found = [ours for words, ours in FORCE_SIGNS.items() if words in said]
+    if len(found) != 1:
+        raise ConfigError(f'{path}: sensors.forces.sign = {said!r}; must say one of: '
+                          f'{", ".join(FORCE_SIGNS)}')
+    return found[0]
+
+
+def _known(cls, data, where, unused):
+    """What of `data` `cls` has fields for, line numbers kept; the rest goes to `unused`."""
+    if isinstance(data, list):
+        for i, item in enumerate(data):
+            data[i] = _known(cls, item, f'{where}{i}.', unused)
+        return data
+    if not isinstance(data, dict):
+        return data
+    hints = typing.get_type_hints(cls)
+    for key in [k for k in data if k not in hints]:
+        unused.append(f'{where}{key}')
+        del data[key]
+    for key, value in data.items():
+        inner = _dataclass_in(hints[key])
+        if inner is not None:
+            data[key] = _known(inner, value, f'{where}{key}.', unused)
+    return data
+
+
+def _dataclass_in(hint):
+    if dataclasses.is_dataclass(hint):
+        return hint
+    return next((a for a in typing.get_args(hint) if dataclasses.is_dataclass(a)), None)
+
+
+def _write(path, obj):
+    yaml = YAML()
+    yaml.width = 99
+    with path.open('w', encoding='utf-8') as stream:
+        yaml.dump(config.to_mapping(obj), stream)

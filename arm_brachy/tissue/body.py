@@ -1,0 +1,101 @@
+"""What is simulated: an immutable description of one soft body and of one step's fields."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class TetMesh:
+    """A tetrahedral mesh in its stress-free configuration, world frame.
+
+    nodes : (n, 3) [m];  tets : (m, 4) node indices, positively oriented
+    node_sets : name -> (k,) node indices
+    """
+
+    nodes: np.ndarray
+    tets: np.ndarray
+    node_sets: dict = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Pad:
+    """A rigid disc bonded to the surface; it translates, it does not rotate.
+
+    nodes : (k,) node indices under the disc;  direction : (3,) unit vector into the tissue
+    centre : (3,) [m] of the disc at rest;  stroke : largest displacement along direction [m]
+    """
+
+    name: str
+    nodes: np.ndarray
+    direction: np.ndarray
+    centre: np.ndarray
+    stroke: float
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Linear springs from nodes to their rest positions on the ground.
+
+    nodes : (s,) node indices, each at most once;  stiffness : (s, 3, 3) symmetric [N/m]
+    """
+
+    nodes: np.ndarray
+    stiffness: np.ndarray
+
+
+NO_SPRINGS = Springs(np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3)))
+
+
+@dataclass(frozen=True)
+class SoftBody:
+    """A body to solve for: mesh, material per element, supports, loads.
+
+    mu, kappa : (m,) [Pa] shear and bulk modulus of the Neo-Hookean law (3.18, corrected)
+    density : (m,) [kg/m^3]
+    fixed : (f,) nodes held at their rest position
+    pads : displacement-driven patches
+    springs : ground springs (base compliance)
+    gravity : (3,) [m/s^2];  nodal_force : (n, 3) dead loads [N]
+    nodal_mass : (n,) lumped masses carried besides the tissue's own [kg]; gravity acts on them too
+    damping : (alpha [1/s], beta [s]) Rayleigh damping alpha M + beta K(rest), dynamics only
+    """
+
+    mesh: TetMesh
+    mu: np.ndarray
+    kappa: np.ndarray
+    density: np.ndarray
+    fixed: np.ndarray
+    pads: tuple = ()
+    springs: Springs = NO_SPRINGS
+    gravity: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    nodal_force: np.ndarray | None = None
+    nodal_mass: np.ndarray | None = None
+    damping: tuple = (0.0, 0.0)
+
+    @property
+    def pad_names(self):
+        """Names of the pads, in the order of every (p, ...) array."""
+        return tuple(p.name for p in self.pads)
+
+
+@dataclass
+class StepFields:
+    """What terms with memory may change for one step; the solver reads it and keeps it fixed.
+
+    mu, kappa : (m,) [Pa] moduli in force during the step
+    stress : (m, 3, 3) [Pa] symmetric second Piola-Kirchhoff stress added to the elastic one
+    nodal_force : (n, 3) [N]
+    """
+
+    mu: np.ndarray
+    kappa: np.ndarray
+    stress: np.ndarray
+    nodal_force: np.ndarray
+
+    @classmethod
+    def of(cls, body):
+        """Fields of a body with no memory: its own moduli and dead loads, no added stress."""
+        n = len(body.mesh.nodes)
+        force = np.zeros((n, 3)) if body.nodal_force is None else body.nodal_force.copy()
+        return cls(body.mu.copy(), body.kappa.copy(), np.zeros((len(body.mu), 3, 3)), force)

@@ -1,0 +1,253 @@
+"""Tetrahedral meshes: reading, surface, quality, and points that ride on them."""
+
+import contextlib
+import io
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import meshio
+import numpy as np
+from scipy.sparse import csr_array
+from trimesh.triangles import closest_point
+
+from arm_brachy.core.errors import MeshError
+from arm_brachy.core.quantity import UNITS
+from arm_brachy.tissue.body import TetMesh
+from arm_brachy.tissue.element import EDGES, FACES, edge_matrices, signed_volumes
+from arm_brachy.tissue.mesh_check import check_mesh
+
+# The centre of a 4 mm facial marker (thesis ch. 4) is 2 mm off the skin; the rest allows for its
+# foot and for the difference between the skin and the flat faces of a coarse mesh.
+STANDOFF = 6e-3  # m
+# Barycentric coordinates this far below zero are rounding, not outside.
+INSIDE = -1e-9
+
+
+def load_mesh(path, unit='m'):
+    """Read a tetrahedral mesh; nodes and elements keep the file's order.
+
+    path : any format meshio reads, or .npz with `nodes` (n, 3), `tets` (m, 4) and node sets:
+        1-D integer arrays of distinct node indices (others, such as tag tables, are left out)
+    unit : 'm' or 'mm', the file's length unit
+    Returns TetMesh in metres. Named point sets and gmsh physical groups (`name`, or
+    `surface_<tag>`, `volume_<tag>`) become node sets.
+    Raises MeshError naming file, element and remedy; see `mesh_check.check_mesh`.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MeshError(f'{path}: no such file; give the path of a tetrahedral mesh')
+    nodes, tets, sets = _read_npz(path) if path.suffix == '.npz' else _read_meshio(path)
+    scaled = np.ascontiguousarray(nodes, dtype=float) * UNITS[unit][0]
+    return check_mesh(TetMesh(scaled, np.ascontiguousarray(tets, dtype=np.int64), sets), str(path))
+
+
+def _read_npz(path):
+    try:
+        with np.load(path) as file:
+            data = {name: file[name] for name in file.files}
+    except (ValueError, OSError, zipfile.BadZipFile) as error:
+        raise MeshError(f'{path}: cannot be read as .npz: {error}') from None
+    missing = [name for name in ('nodes', 'tets') if name not in data]
+    if missing:
+        raise MeshError(f'{path}: no array {missing[0]!r}; must hold nodes (n, 3) and tets '
+                        f'(m, 4); it holds {", ".join(data)}')
+    nodes, tets = data.pop('nodes'), data.pop('tets')
+    sets = {name: np.sort(a).astype(np.int64) for name, a in data.items()
+            if a.ndim == 1 and a.dtype.kind in 'iu' and len(np.unique(a)) == len(a)}
+    return nodes, tets, sets
+
+
+def _read_meshio(path):
+    try:
+        # meshio prints its complaints and leaves the interpreter when no reader fits
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            raw = meshio.read(path)
+    except (meshio.ReadError, SystemExit, ValueError, KeyError, IndexError, OSError) as error:
+        raise MeshError(f'{path}: meshio cannot read it ({type(error).__name__}: '
+                        f'{" ".join(str(error).split())}); check format and extension') from None
+    tets = raw.cells_dict.get('tetra', np.zeros((0, 4), dtype=np.int64))
+    sets = {name: np.unique(members).astype(np.int64) for name, members in raw.point_sets.items()}
+    sets.update(_physical_groups(raw))
+    return raw.points, tets, sets
+
+
+def _physical_groups(raw):
+    """Node sets of gmsh physical groups; dimension 2 and 3 groups may share a tag number."""
+    tags = raw.cell_data.get('gmsh:physical', [])
+    names = {tuple(v): name for name, v in raw.field_data.items()}
+    sets = {}
+    for block, tag in zip(raw.cells, tags, strict=False):
+        kind = {2: 'surface', 3: 'volume'}.get(block.dim)
+        for value in np.unique(tag) if kind else ():
+            name = names.get((value, block.dim), f'{kind}_{value}')
+            members = np.unique(block.data[tag == value])
+            sets[name] = np.union1d(sets.get(name, members), members).astype(np.int64)
+    return sets
+
+
+def volumes(mesh):
+    """Return the element volumes (m,) [m^3] of a TetMesh."""
+    return signed_volumes(mesh.nodes, mesh.tets)
+
+
+def boundary_faces(mesh):
+    """Return the boundary triangles (f, 3) of a TetMesh, normals outward, ordered by element."""
+    return _boundary(mesh.tets)[0]
+
+
+def _boundary(tets):
+    """Boundary triangles (f, 3) and the element each belongs to (f,)."""
+    faces = tets[:, FACES].reshape(-1, 3)
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True,
+                                return_counts=True)
+    keep = np.sort(first[count == 1])
+    return faces[keep], keep // len(FACES)
+
+
+@dataclass(frozen=True)
+class MeshQuality:
+    """Figures a person judges a mesh by. SI; angles in radians.
+
+    radius_ratio : 3 inscribed radius / circumscribed radius, 1 for a regular tetrahedron
+    """
+
+    n_nodes: int
+    n_tets: int
+    volume: float
+    min_radius_ratio: float
+    median_radius_ratio: float
+    min_dihedral: float
+    min_edge: float
+    median_edge: float
+    max_edge: float
+
+
+def quality(mesh):
+    """Return the MeshQuality of a TetMesh."""
+    corners = mesh.nodes[mesh.tets]
+    lengths = np.linalg.norm(corners[:, EDGES[:, 0]] - corners[:, EDGES[:, 1]], axis=-1)
+    ratio = _radius_ratios(corners, volumes(mesh))
+    all_edges = np.sort(mesh.tets[:, EDGES].reshape(-1, 2), axis=1)
+    _, once = np.unique(all_edges, axis=0, return_index=True)
+    each = lengths.ravel()[once]
+    return MeshQuality(len(mesh.nodes), len(mesh.tets), float(volumes(mesh).sum()),
+                       float(ratio.min()), float(np.median(ratio)), _min_dihedral(corners),
+                       float(each.min()), float(np.median(each)), float(each.max()))
+
+
+def _area_vectors(corners):
+    """(m, 4, 3) outward area vectors of the four faces [m^2]."""
+    a, b, c = (corners[:, FACES[:, i]] for i in range(3))
+    return 0.5 * np.cross(b - a, c - a)
+
+
+def _radius_ratios(corners, volume):
+    inscribed = 3.0 * volume / np.linalg.norm(_area_vectors(corners), axis=-1).sum(axis=1)
+    edges = corners[:, 1:] - corners[:, :1]
+    # circumcentre c relative to node 0: 2 e . c = |e|^2 for the three edges e
+    centre = np.linalg.solve(2.0 * edges, np.sum(edges ** 2, axis=-1)[..., None])[..., 0]
+    return 3.0 * inscribed / np.linalg.norm(centre, axis=-1)
+
+
+def _min_dihedral(corners):
+    normals = _area_vectors(corners)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    cosines = -np.einsum('mei,mei->me', normals[:, EDGES[:, 0]], normals[:, EDGES[:, 1]])
+    return float(np.arccos(np.clip(cosines, -1.0, 1.0)).min())
+
+
+@dataclass(frozen=True)
+class Embedding:
+    """Points that ride on elements.
+
+    elements : (k,) element index;  nodes : (k, 4) its nodes
+    weights : (k, 4) barycentric weights, rows sum to 1; negative for points standing off
+    """
+
+    elements: np.ndarray
+    nodes: np.ndarray
+    weights: np.ndarray
+
+    def matrix(self, n):
+        """Return the sparse (k, n) matrix W with W @ x = interpolated points, x (n, 3)."""
+        rows = np.repeat(np.arange(len(self.nodes)), self.nodes.shape[1])
+        return csr_array((self.weights.ravel(), (rows, self.nodes.ravel())),
+                         shape=(len(self.nodes), n))
+
+
+def embed(mesh, points, *, standoff=STANDOFF, names=None, onto_surface=False):
+    """Attach points to the elements that hold them.
+
+    mesh : TetMesh;  points : (k, 3) [m] at rest
+    standoff : [m] points outside the body up to this far follow the nearest boundary element,
+        by extrapolation (they turn with it, as a glued marker does)
+    names : k names for messages;  onto_surface : outside points attach to the nearest surface
+        point instead, so that no weight is negative (loads)
+    Returns Embedding. Raises MeshError naming the first point farther off than `standoff`.
+    """
+    points = np.asarray(points, dtype=float).reshape(-1, 3)
+    inverse = np.linalg.inv(edge_matrices(mesh.nodes, mesh.tets))
+    origin = mesh.nodes[mesh.tets[:, 0]]
+    elements = np.zeros(len(points), dtype=np.int64)
+    where = points.copy()
+    outside = []
+    for i, point in enumerate(points):
+        weights = _barycentric(inverse, point - origin)
+        elements[i] = weights.min(axis=1).argmax()
+        if weights[elements[i]].min() < INSIDE:
+            outside.append(i)
+    if outside:
+        nearest, owner = _nearest_on_surface(mesh, points[outside])
+        _refuse_far(points[outside], nearest, outside, names, standoff)
+        elements[outside] = owner
+        if onto_surface:
+            where[outside] = nearest
+    weights = _barycentric(inverse[elements], where - origin[elements])
+    if onto_surface:
+        weights = np.clip(weights, 0.0, None)
+        weights /= weights.sum(axis=1, keepdims=True)
+    return Embedding(elements, mesh.tets[elements], weights)
+
+
+def _barycentric(inverse, offset):
+    rest = np.einsum('mij,mj->mi', inverse, offset)
+    return np.column_stack([1.0 - rest.sum(axis=1), rest])
+
+
+def _nearest_on_surface(mesh, points):
+    """Closest boundary points (k, 3) and the elements (k,) they lie on."""
+    faces, owners = _boundary(mesh.tets)
+    nearest, owner = np.zeros_like(points), np.zeros(len(points), dtype=np.int64)
+    for i, point in enumerate(points):
+        candidates = closest_point(mesh.nodes[faces], np.broadcast_to(point, (len(faces), 3)))
+        best = np.linalg.norm(candidates - point, axis=1).argmin()
+        nearest[i], owner[i] = candidates[best], owners[best]
+    return nearest, owner
+
+
+def _refuse_far(points, nearest, index, names, standoff):
+    gap = np.linalg.norm(points - nearest, axis=1)
+    bad = np.flatnonzero(gap > standoff)
+    if len(bad):
+        i = index[bad[0]]
+        name = names[i] if names is not None else f'point {i}'
+        at = ', '.join(f'{1e3 * v:.1f}' for v in points[bad[0]])
+        raise MeshError(f'{name} at ({at}) mm is {1e3 * gap[bad[0]]:.1f} mm outside the body; '
+                        f'must be within {1e3 * standoff:g} mm; check position and mesh unit')
+
+
+def interpolate(embedding, x):
+    """Return the positions (k, 3) [m] of embedded points, given node positions x (n, 3) [m]."""
+    return np.einsum('ka,kai->ki', embedding.weights, x[embedding.nodes])
+
+
+def rotations(embedding, X, x):
+    """Return the rotations R (k, 3, 3) of the material at embedded points (F = R U, polar).
+
+    X, x : (n, 3) [m] node positions at rest and now. A sensor fixed in the tissue turns by R.
+    Valid for elements that are not inverted.
+    """
+    F = edge_matrices(x, embedding.nodes) @ np.linalg.inv(edge_matrices(X, embedding.nodes))
+    left, _, right = np.linalg.svd(F)
+    return left @ right

@@ -1,0 +1,385 @@
+"""Closed surface (STL, OBJ, PLY, OFF) to tetrahedra, with a clear refusal of what cannot be meshed.
+
+The mesher is fTetWild (Hu et al., ACM Trans. Graph. 39(4), 2020; MPL-2.0) through `pytetwild`: it
+takes any closed surface and keeps it within an envelope. It draws from the operating system's
+entropy, so two calls give two meshes of equal quality and slightly different counts (upstream
+issue fTetWild#72): a mesh file, once written, is an input to be kept, not a product to be remade.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import igl
+import meshio
+import numpy as np
+import pytetwild
+import trimesh
+from igl import predicates
+
+from arm_brachy.core.errors import MeshError
+from arm_brachy.core.quantity import UNITS
+from arm_brachy.tissue.body import TetMesh
+
+# A body of this system fits in a hand or on a table; anything else is a mistaken unit.
+SMALLEST_EXTENT = 2e-3  # m
+LARGEST_EXTENT = 2.0    # m
+# Beyond this neither solver nor file is of use on a workstation.
+MOST_TETS = 500_000
+# Corners closer than this fraction of the bounding box's diagonal are one corner (an STL repeats them).
+MERGE_FRACTION = 1e-7
+# Regular tetrahedron: volume over cubed edge length, to foresee how many are needed.
+REGULAR_VOLUME = 1.0 / (6.0 * np.sqrt(2.0))
+# Edges of a tetrahedron and, for each, the two corners it does not touch.
+EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+OPPOSITE = EDGES[::-1]
+# Faces of a positively oriented tetrahedron, seen from outside.
+FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+
+
+@dataclass(frozen=True)
+class MeshReport:
+    """What came of a meshing, and how good the elements are. SI.
+
+    edge_length : the length asked for [m];  volume : of the tetrahedra [m^3]
+    volume_error : (mesh - surface) / surface volume
+    surface_distance : largest distance between given surface and mesh boundary, both ways [m]
+    min_quality, mean_quality : mean ratio 12 (3V)^(2/3) / sum l^2 (1 = regular, 0 = flat)
+    min_dihedral, max_dihedral : [rad]
+    shortest_edge, longest_edge : [m]
+    repairs : what was put right in the surface before meshing
+    """
+
+    n_nodes: int
+    n_tets: int
+    edge_length: float
+    volume: float
+    volume_error: float
+    surface_distance: float
+    min_quality: float
+    mean_quality: float
+    min_dihedral: float
+    max_dihedral: float
+    shortest_edge: float
+    longest_edge: float
+    repairs: tuple = ()
+
+    def rows(self):
+        """The figures as a mapping for tables and JSON, units in the key names."""
+        return {
+            'nodes': self.n_nodes,
+            'tetrahedra': self.n_tets,
+            'edge_length_mm': round(self.edge_length * 1e3, 4),
+            'volume_ml': round(self.volume * 1e6, 3),
+            'volume_error_percent': round(self.volume_error * 100, 3),
+            'surface_distance_mm': round(self.surface_distance * 1e3, 4),
+            'min_quality': round(self.min_quality, 4),
+            'mean_quality': round(self.mean_quality, 4),
+            'min_dihedral_deg': round(float(np.degrees(self.min_dihedral)), 2),
+            'max_dihedral_deg': round(float(np.degrees(self.max_dihedral)), 2),
+            'shortest_edge_mm': round(self.shortest_edge * 1e3, 4),
+            'longest_edge_mm': round(self.longest_edge * 1e3, 4),
+            'repairs': '; '.join(self.repairs) or 'none',
+        }
+
+
+def read_surface(source, *, unit='mm'):
+    """Read and check a closed triangulated surface.
+
+    source : path of an STL, OBJ, PLY or OFF file, or a trimesh.Trimesh;  unit : 'm' or 'mm'
+    Returns (trimesh.Trimesh in metres with outward normals, tuple of repairs made).
+    Raises MeshError for a file that cannot be read and for a surface that is empty, not finite, of
+    an implausible size, open, non-manifold, in several pieces, self-intersecting or flat.
+    Only orientation, repeated corners and faces without area are repaired.
+    """
+    if unit not in ('m', 'mm'):
+        raise MeshError(f'unit = {unit!r}; must be m or mm')
+    where = str(source) if not isinstance(source, trimesh.Trimesh) else 'surface'
+    vertices, faces = _load(source, where)
+    vertices = vertices * UNITS[unit][0]
+    _check_size(vertices, unit, where)
+    vertices, faces, repairs = _merge_corners(vertices, faces, where)
+    _check_edges(vertices, faces, where)
+    _check_pieces(vertices, faces, where)
+    surface = trimesh.Trimesh(vertices, faces, process=False)
+    repairs += _orient(surface, where)
+    _check_self_intersections(surface, where)
+    return surface, tuple(repairs)
+
+
+def mesh_surface(source, *, edge_length, unit='mm', envelope=0.03):
+    """Fill a closed surface with tetrahedra.
+
+    source, unit : see `read_surface`;  edge_length : wished for inside [m]
+    envelope : how far the mesh boundary may leave the surface, as a fraction of edge_length; a
+        tight one brings small elements wherever the surface is strongly curved
+    Returns (TetMesh in metres and positively oriented, MeshReport). Counts vary by about 1 % and
+    corner positions by the envelope from call to call (see the module's docstring).
+    Raises MeshError for a bad surface or edge length, or if the mesher gives up.
+    """
+    surface, repairs = read_surface(source, unit=unit)
+    _check_edge_length(surface, edge_length)
+    return _mesh(surface, edge_length, envelope, repairs)
+
+
+def mesh_with_count(source, *, tets=None, nodes=None, unit='mm', envelope=0.03, tolerance=0.005,
+                    tries=20):
+    """Fill a closed surface with about so many tetrahedra or nodes.
+
+    tets, nodes : the count wished for (give one);  tolerance : relative, on that count
+    tries : meshes made at most
+    Returns (TetMesh, MeshReport) of the first mesh within the tolerance. Raises MeshError if none
+    of the tries is. Count and edge length follow N ~ l^-3 only roughly, hence the search.
+    """
+    if (tets is None) == (nodes is None):
+        raise MeshError(f'tets = {tets}, nodes = {nodes}; exactly one of them must be given')
+    wanted = tets if tets is not None else nodes
+    surface, repairs = read_surface(source, unit=unit)
+    edge_length = _first_guess(surface, tets if tets is not None else 4.5 * nodes)
+    nearest = np.inf
+    for _ in range(tries):
+        _check_edge_length(surface, edge_length)
+        mesh, report = _mesh(surface, edge_length, envelope, repairs)
+        count = report.n_tets if tets is not None else report.n_nodes
+        if abs(count - wanted) <= tolerance * wanted:
+            return mesh, report
+        nearest = min(nearest, count, key=lambda n: abs(n - wanted))
+        edge_length *= (count / wanted) ** (1.0 / 3.0)
+    raise MeshError(f'{tries} meshes, the nearest with {nearest:.0f} instead of {wanted}; must be '
+                    f'within {tolerance:.2%}; raise tolerance, tries or envelope')
+
+
+def mesh_command(surface, output, *, edge_length_mm, unit='mm'):
+    """Mesh a surface file into a mesh file; what `arm-brachy mesh` prints.
+
+    surface : path of the surface;  output : path to write, format by its extension (.msh, .vtu, ...)
+    edge_length_mm : wished for;  unit : 'm' or 'mm', of the surface file
+    Returns the rows of the quality table; the mesh file is in metres. Raises MeshError.
+    """
+    _format_of(output)
+    mesh, report = mesh_surface(surface, edge_length=edge_length_mm * 1e-3, unit=unit)
+    write_mesh(output, mesh)
+    return {'surface': str(surface), 'mesh': str(output)} | report.rows()
+
+
+def write_mesh(path, mesh):
+    """Write a TetMesh in metres, format by extension: .msh is Gmsh 2.2 ASCII, .vtu VTK, and so on.
+
+    path : file to write;  mesh : TetMesh. Raises MeshError for an extension meshio cannot write.
+    """
+    kind = _format_of(path)
+    tags = [np.ones(len(mesh.tets), dtype=np.int32)]
+    data = {'gmsh:physical': tags, 'gmsh:geometrical': tags} if kind == 'gmsh22' else {}
+    out = meshio.Mesh(mesh.nodes, [('tetra', mesh.tets)], cell_data=data)
+    options = {'binary': False} if kind == 'gmsh22' else {}
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    meshio.write(path, out, file_format=kind, **options)
+
+
+def mean_ratio(mesh):
+    """Mean-ratio quality of every element, (m,): 1 = regular tetrahedron, 0 = flat, < 0 = inverted.
+
+    mesh : TetMesh.  Source: Liu and Joe, BIT 34, 1994, eq. 2.
+    """
+    corners = mesh.nodes[mesh.tets]
+    volume = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    edges = corners[:, EDGES[:, 1]] - corners[:, EDGES[:, 0]]
+    squares = np.einsum('mij,mij->m', edges, edges)
+    return np.sign(volume) * 12.0 * np.cbrt(3.0 * np.abs(volume)) ** 2 / squares
+
+
+def dihedral_angles(mesh):
+    """Dihedral angles at the six edges of every element, (m, 6) [rad].
+
+    mesh : TetMesh with no flat element.
+    """
+    corners = mesh.nodes[mesh.tets]
+    start, axis = corners[:, EDGES[:, 0]], corners[:, EDGES[:, 1]] - corners[:, EDGES[:, 0]]
+    axis = axis / np.linalg.norm(axis, axis=2, keepdims=True)
+    sides = [corners[:, OPPOSITE[:, k]] - start for k in (0, 1)]
+    across = [s - np.einsum('mei,mei->me', s, axis)[..., None] * axis for s in sides]
+    normals = np.linalg.norm(np.cross(*across), axis=2)
+    return np.arctan2(normals, np.einsum('mei,mei->me', *across))
+
+
+def boundary_faces(mesh):
+    """Triangles that belong to one element only, (k, 3) node indices, normals outward.
+
+    mesh : TetMesh, positively oriented.
+    """
+    faces = mesh.tets[:, FACES].reshape(-1, 3)
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True,
+                                return_counts=True)
+    return faces[np.sort(first[count == 1])]
+
+
+def _load(source, where):
+    if isinstance(source, trimesh.Trimesh):
+        loaded = source
+    else:
+        if not Path(source).is_file():
+            raise MeshError(f'{where}: no such file; give a closed surface as STL, OBJ, PLY or OFF')
+        try:
+            loaded = trimesh.load(source, force='mesh', process=False)
+        except (ValueError, KeyError, IndexError, UnicodeDecodeError, NotImplementedError) as error:
+            raise MeshError(f'{where}: not a readable surface (STL, OBJ, PLY or OFF): '
+                            f'{" ".join(str(error).split())}') from None
+    vertices = np.asarray(getattr(loaded, 'vertices', ()), dtype=float)
+    faces = np.asarray(getattr(loaded, 'faces', ()), dtype=np.int64)
+    if len(faces) == 0:
+        raise MeshError(f'{where}: 0 triangles; must be a closed triangulated surface')
+    if not np.isfinite(vertices).all():
+        raise MeshError(f'{where}: a corner is not finite; every coordinate must be a number')
+    return vertices, faces
+
+
+def _check_size(vertices, unit, where):
+    extent = np.ptp(vertices, axis=0).max()
+    if not SMALLEST_EXTENT <= extent <= LARGEST_EXTENT:
+        raise MeshError(f'{where}: largest extent is {extent:.3g} m read in {unit}; must be '
+                        f'{SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m; check the unit (m or mm)')
+
+
+def _merge_corners(vertices, faces, where):
+    """Join repeated corners, drop faces that thereby lose their area and corners left unused."""
+    grid = MERGE_FRACTION * np.linalg.norm(np.ptp(vertices, axis=0))
+    keys = np.round((vertices - vertices.min(axis=0)) / grid).astype(np.int64)
+    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    faces = inverse.reshape(-1)[faces]
+    flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    used, faces = np.unique(faces[~flat], return_inverse=True)
+    if len(used) < 4:
+        raise MeshError(f'{where}: no triangle has an area; must be a closed surface')
+    repairs = [f'{flat.sum()} faces without area dropped'] if flat.any() else []
+    return vertices[first[used]], faces.reshape(-1, 3), repairs
+
+
+def _check_edges(vertices, faces, where):
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, count = np.unique(edges, axis=0, return_counts=True)
+    for bad, name, advice in (
+            (edges[count == 1], 'open: {} boundary edges', 'close the surface'),
+            (edges[count > 2], 'non-manifold: {} edges with more than two faces',
+             'remove inner or doubled faces')):
+        if len(bad):
+            raise MeshError(f'{where}: {name.format(len(bad))}, first near '
+                            f'{_millimetres(vertices[bad[0]].mean(axis=0))}; {advice}')
+    pinched = np.flatnonzero(~np.asarray(igl.is_vertex_manifold(faces)))
+    if len(pinched):
+        raise MeshError(f'{where}: non-manifold: {len(pinched)} corners where sheets only touch, '
+                        f'first at {_millimetres(vertices[pinched[0]])}; separate them')
+
+
+def _check_pieces(vertices, faces, where):
+    pieces, piece = igl.facet_components(faces)
+    if pieces > 1:
+        second = vertices[faces[piece == 1].ravel()].mean(axis=0)
+        raise MeshError(f'{where}: {pieces} separate pieces (one near '
+                        f'{_millimetres(second)}); must be one closed surface without cavities')
+
+
+def _orient(surface, where):
+    """Turn the faces outward in place; returns the repairs made."""
+    repairs = []
+    if not surface.is_winding_consistent:
+        trimesh.repair.fix_winding(surface)
+        repairs.append('faces turned to a common orientation')
+    if not surface.is_winding_consistent:
+        raise MeshError(f'{where}: not orientable; the surface must have an inside')
+    extent = np.prod(np.ptp(surface.vertices, axis=0))
+    if abs(surface.volume) <= 1e-6 * extent:
+        raise MeshError(f'{where}: encloses {surface.volume:.3g} m^3; must enclose a volume')
+    if surface.volume < 0:
+        surface.invert()
+        repairs.append('orientation inverted (normals pointed inward)')
+    return repairs
+
+
+def _check_self_intersections(surface, where):
+    found, pairs, _ = predicates.find_self_intersections(
+        np.ascontiguousarray(surface.vertices), np.ascontiguousarray(surface.faces, np.int64))
+    if found:
+        spot = surface.triangles_center[pairs[0, 0]]
+        raise MeshError(f'{where}: self-intersecting: {len(pairs)} pairs of faces cross, first near '
+                        f'{_millimetres(spot)}; repair the surface')
+
+
+def _millimetres(point):
+    return '({:.2f}, {:.2f}, {:.2f}) mm'.format(*(1e3 * np.asarray(point)))
+
+
+def _check_edge_length(surface, edge_length):
+    extent = surface.extents.min()
+    shortest = np.cbrt(surface.volume / (REGULAR_VOLUME * MOST_TETS))
+    if not np.isfinite(edge_length) or not shortest <= edge_length <= extent:
+        raise MeshError(f'edge_length = {edge_length * 1e3:.4g} mm; must be {shortest * 1e3:.3g} to '
+                        f'{extent * 1e3:.3g} mm (at most {MOST_TETS} tetrahedra, at least one '
+                        'across the thinnest extent)')
+
+
+def _first_guess(surface, n_tets):
+    return float(np.cbrt(surface.volume / (REGULAR_VOLUME * n_tets)))
+
+
+def _mesh(surface, edge_length, envelope, repairs):
+    diagonal = np.linalg.norm(surface.extents)
+    try:
+        nodes, tets = pytetwild.tetrahedralize(
+            np.ascontiguousarray(surface.vertices), np.ascontiguousarray(surface.faces, np.int32),
+            edge_length_abs=float(edge_length), epsilon=float(envelope * edge_length / diagonal),
+            num_threads=1, quiet=True)
+    except RuntimeError as error:
+        raise MeshError(f'the mesher gave up: {error}; try another edge length') from None
+    if len(tets) == 0:
+        raise MeshError('the mesher returned no element; try another edge length')
+    mesh = _positive(np.asarray(nodes, float), np.asarray(tets, np.int64))
+    return mesh, _report(surface, mesh, edge_length, repairs)
+
+
+def _positive(nodes, tets):
+    """Order corners so that every volume is positive, and drop nodes no element uses."""
+    corners = nodes[tets]
+    inverted = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0
+    tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
+    used, tets = np.unique(tets, return_inverse=True)
+    return TetMesh(nodes[used], tets.reshape(-1, 4))
+
+
+def _report(surface, mesh, edge_length, repairs):
+    quality, angles = mean_ratio(mesh), dihedral_angles(mesh)
+    corners = mesh.nodes[mesh.tets]
+    edges = np.linalg.norm(corners[:, EDGES[:, 1]] - corners[:, EDGES[:, 0]], axis=2)
+    volume = float(np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6.0)
+    return MeshReport(
+        n_nodes=len(mesh.nodes), n_tets=len(mesh.tets), edge_length=float(edge_length),
+        volume=volume, volume_error=float(volume / surface.volume - 1.0),
+        surface_distance=_distance(surface, mesh),
+        min_quality=float(quality.min()), mean_quality=float(quality.mean()),
+        min_dihedral=float(angles.min()), max_dihedral=float(angles.max()),
+        shortest_edge=float(edges.min()), longest_edge=float(edges.max()), repairs=repairs)
+
+
+def _distance(surface, mesh):
+    """Largest distance between two triangulations, at corners and face centres, both ways [m]."""
+    outer = trimesh.Trimesh(mesh.nodes, boundary_faces(mesh), process=False)
+    ways = [(outer, surface), (surface, outer)]
+    return float(np.sqrt(max(_farthest_squared(a, b) for a, b in ways)))
+
+
+def _farthest_squared(points_of, other):
+    corners = points_of.vertices[np.unique(points_of.faces)]
+    points = np.vstack([corners, points_of.triangles_center])
+    squared = igl.point_mesh_squared_distance(points, np.ascontiguousarray(other.vertices),
+                                              np.ascontiguousarray(other.faces, np.int64))[0]
+    return np.max(squared)
+
+
+def _format_of(path):
+    """meshio's name of the format that belongs to a path; `.msh` is pinned to Gmsh 2.2."""
+    suffix = Path(path).suffix.lower()
+    if suffix == '.msh':
+        return 'gmsh22'
+    known = meshio.extension_to_filetypes
+    if suffix not in known:
+        raise MeshError(f'{path}: cannot write {suffix or "a file without extension"}; '
+                        'use .msh, .vtu, .vtk, .xdmf or another format meshio writes')
+    return known[suffix][0]

@@ -1,0 +1,260 @@
+"""Quasi-static equilibrium under prescribed pad motion: Newton on the total potential."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from arm_brachy.core.errors import InputError, NotConverged
+from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.quantity import quantity
+from arm_brachy.tissue.assembly import Assembler
+from arm_brachy.tissue.body import StepFields
+from arm_brachy.tissue.free_dofs import FreeDofs, held_nodes
+from arm_brachy.tissue.linear_solver import FactorisationFailed
+
+
+@dataclass(frozen=True)
+class NewtonOptions:
+    """When to stop, when to refactorise, when to give up."""
+
+    tolerance: float = quantity(
+        1e-7, 'mm', 'largest nodal correction still outstanding at convergence', low=1e-10,
+        source='a tenth of 1e-9 m, since the correction is estimated with a tangent that may be '
+               'one step old; six decades below the sensors')
+    max_iterations: int = 40            # per load step; a healthy step takes 3 to 8
+    max_bisections: int = 8             # smallest load step 2^-8 of the command
+    # Keep the old factor while each correction is below this fraction of the last one: a
+    # factorisation costs about five times a force evaluation and back-solve.
+    contraction: float = 0.1
+    sufficient_decrease: float = 1e-4   # Armijo constant, Nocedal & Wright (2006), sec. 3.1
+    max_backtracks: int = 12            # halvings of one Newton step
+    # First multiple of the diagonal added when the tangent is not positive definite, growing
+    # tenfold (Nocedal & Wright, algorithm 3.3).
+    first_shift: float = 1e-3
+    max_shifts: int = 6
+
+
+@dataclass(frozen=True)
+class StaticSolution:
+    """What a solve came to. If `outcome` is not OK, x is the state it started from.
+
+    x : (n, 3) [m];  pad_force : (p, 3) [N] of the tissue ON each pad (NaN if x is inverted)
+    pad_moment : (p, 3) [N m] of those forces about the displaced disc centre
+    iterations : corrections made;  factorisations : tangents factorised;  load_steps : taken
+    residual : [N] largest out-of-balance force component on a free node at x
+    """
+
+    x: np.ndarray
+    pad_force: np.ndarray
+    pad_moment: np.ndarray
+    iterations: int
+    factorisations: int
+    load_steps: int
+    residual: float
+    outcome: Outcome
+
+
+class _Failed(NotConverged):
+    """One load step did not reach equilibrium; `outcome` says why."""
+
+    def __init__(self, outcome):
+        super().__init__(outcome.advice)
+        self.outcome = outcome
+
+
+class StaticSolver:
+    """Finds where a SoftBody rests for given pad displacements.
+
+    body : SoftBody;  options : NewtonOptions
+    Each solve depends on its arguments alone, so equal arguments give equal bits. Not to be
+    shared between threads.
+    """
+
+    def __init__(self, body, *, options=None):
+        self.body = body
+        self.options = NewtonOptions() if options is None else options
+        self.assembler = Assembler(body)
+        self.free = FreeDofs(self.assembler, held_nodes(body))
+        self._factor = self.free.solver()
+        self._tangent, self._shifted = None, False
+
+    def held_positions(self, pad_displacement):
+        """Return (n, 3) [m]: the rest positions with every pad moved.
+
+        pad_displacement : (p, 3) [m] world frame, rows as `body.pads`
+        """
+        moved = np.asarray(pad_displacement, dtype=float)
+        if moved.shape != (len(self.body.pads), 3) or not np.isfinite(moved).all():
+            raise InputError(f'pad_displacement has shape {moved.shape} or is not finite; must be '
+                             f'({len(self.body.pads)}, 3) finite numbers in metres')
+        x = self.body.mesh.nodes.copy()
+        for pad, displacement in zip(self.body.pads, moved, strict=True):
+            x[pad.nodes] += displacement
+        return x
+
+    def solve(self, x0, pad_displacement, fields=None):
+        """Return the StaticSolution with the pads displaced from rest by `pad_displacement`.
+
+        x0 : (n, 3) [m] starting state, e.g. the last solution; need not be in equilibrium
+        pad_displacement : (p, 3) [m], world frame;  fields : StepFields, None = the body's own
+        Raises InputError for arguments of the wrong shape or not finite; trouble on the way to
+        equilibrium is reported in `outcome`, with x = x0.
+        Valid for stable equilibria reached by a path of stable equilibria (no snap-through).
+        """
+        return self.solve_held(x0, self.held_positions(pad_displacement), fields)
+
+    def solve_held(self, x0, held_at, fields=None):
+        """Return the StaticSolution with every held node at its row of `held_at` (n, 3) [m].
+
+        x0, fields : as in `solve`. Pad moments refer to the mean displacement of a pad's nodes.
+        """
+        fields = StepFields.of(self.body) if fields is None else fields
+        x0 = np.array(x0, dtype=float)
+        if x0.shape != self.body.mesh.nodes.shape or not np.isfinite(x0).all():
+            raise InputError(f'x0 has shape {x0.shape} or is not finite; must be '
+                             f'{self.body.mesh.nodes.shape} finite positions in metres')
+        counts = {'iterations': 0, 'factorisations': 0, 'load_steps': 0}
+        start = self.assembler.evaluate(x0, fields)
+        try:
+            x, state = self._follow(x0, start, held_at, fields, counts)
+        except _Failed as failure:
+            return self._solution(x0, start, counts, failure.outcome)
+        return self._solution(x, state, counts, Outcome.OK)
+
+    def linearise(self, x, fields=None):
+        """Return (K, factor) at x (n, 3) [m]: the full tangent and the solver of its free part.
+
+        fields : as in `solve`. `factor` (a Pardiso) is good until the next call of this object.
+        Raises NotConverged where the free part is not positive definite (no stable equilibrium).
+        """
+        tangent = self.assembler.tangent(x, fields)
+        try:
+            self._factor.factor(self.free.upper(tangent))
+        except FactorisationFailed as error:
+            raise NotConverged(f'no linearisation at this state: {error}') from None
+        return tangent, self._factor
+
+    def _solution(self, x, state, counts, outcome):
+        forces = state.forces if state.min_J > 0.0 else np.full_like(state.forces, np.nan)
+        pads = self.body.pads
+        force, moment = np.zeros((len(pads), 3)), np.zeros((len(pads), 3))
+        for i, pad in enumerate(pads):
+            centre = pad.centre + (x[pad.nodes] - self.body.mesh.nodes[pad.nodes]).mean(axis=0)
+            force[i] = -forces[pad.nodes].sum(axis=0)
+            moment[i] = -np.cross(x[pad.nodes] - centre, forces[pad.nodes]).sum(axis=0)
+        residual = float(np.abs(forces[self.free.free]).max(initial=0.0))
+        return StaticSolution(x, force, moment, residual=residual, outcome=outcome, **counts)
+
+    def _follow(self, x0, start, held_at, fields, counts):
+        """Reach the target in as few load steps as will converge.
+
+        At load factor t the held nodes have made the fraction t of their way and the fraction
+        1 - t of the force that was out of balance at x0 is still carried from outside.
+        """
+        if not start.min_J > 0.0:
+            raise _Failed(Outcome.INVERTED_ELEMENT)
+        excess = np.zeros_like(x0)
+        excess[self.free.free] = start.forces[self.free.free]
+        way = np.zeros_like(x0)
+        way[self.free.held] = (held_at - x0)[self.free.held]
+        x, t, step, state = x0, 0.0, 1.0, start
+        while t < 1.0:
+            ahead = min(1.0, t + step)
+            if ahead < 1.0 or t > 0.0:  # or the loads are those `start` was evaluated with
+                loads = _with_force(fields, (1.0 - ahead) * excess)
+                before = self.assembler.evaluate(x, loads)
+            else:
+                loads, before = fields, start
+            try:
+                x, state = self._load_step(x, before, (ahead - t) * way, loads, counts)
+            except _Failed:
+                step /= 2.0
+                if step < 0.5 ** self.options.max_bisections:
+                    raise
+                continue
+            t, step = ahead, 2.0 * step
+            counts['load_steps'] += 1
+        return x, state
+
+    def _load_step(self, x, state, way, fields, counts):
+        """Equilibrium (x, its Evaluation) after the held nodes moved by `way`; raises _Failed."""
+        size = np.inf
+        self._factorise(x, fields, counts)
+        if way.any():
+            x, state, size = self._predict(x, way, state, fields, counts)
+        fresh = not way.any()
+        for _ in range(self.options.max_iterations):
+            direction = self._correction(state)
+            last, size = size, np.abs(direction).max(initial=0.0)
+            if size <= self.options.tolerance and not self._shifted:
+                return x, state
+            if not fresh and (self._shifted or size > self.options.contraction * last):
+                self._factorise(x, fields, counts)
+                direction = self._correction(state)
+                size = np.abs(direction).max(initial=0.0)
+            x, state = self._line_search(x, state, direction, fields)
+            counts['iterations'] += 1
+            fresh = False
+        raise _Failed(Outcome.NOT_CONVERGED)
+
+    def _correction(self, state):
+        """Displacements (n, 3) of the free nodes that cancel the force out of balance."""
+        direction = np.zeros_like(state.forces)
+        direction[self.free.free] = -self._factor.solve(
+            state.forces[self.free.free].ravel()).reshape(-1, 3)
+        return direction
+
+    def _predict(self, x, way, state, fields, counts):
+        """Move the held nodes and let the free ones follow the tangent, lest any be crushed."""
+        tangent = self._tangent
+        pull = (tangent @ way.ravel())[self.free.dofs] + state.forces[self.free.free].ravel()
+        move = way.copy()
+        move[self.free.free] -= self._factor.solve(pull).reshape(-1, 3)
+        ahead = self.assembler.evaluate(x + move, fields)
+        if not ahead.min_J > 0.0:
+            raise _Failed(Outcome.INVERTED_ELEMENT)
+        counts['iterations'] += 1
+        return x + move, ahead, np.abs(move).max()
+
+    def _factorise(self, x, fields, counts):
+        """Factorise the tangent at x, shifted by multiples of its diagonal if it is indefinite."""
+        self._tangent = self.assembler.tangent(x, fields)
+        upper = self.free.upper(self._tangent)
+        diagonal = np.abs(upper[self.free.diagonal])
+        shift = 0.0
+        for _ in range(self.options.max_shifts + 1):
+            counts['factorisations'] += 1
+            try:
+                self._factor.factor(upper)
+                self._shifted = shift > 0.0
+                return
+            except FactorisationFailed:
+                added = 10.0 * shift if shift else self.options.first_shift
+                upper[self.free.diagonal] += (added - shift) * diagonal
+                shift = added
+        raise _Failed(Outcome.NOT_CONVERGED)
+
+    def _line_search(self, x, state, direction, fields):
+        """Halve the step until the potential falls enough and no element is inverted."""
+        slope = float(np.sum(state.forces * direction))
+        length, inverted = 1.0, False
+        for _ in range(self.options.max_backtracks):
+            ahead = self.assembler.evaluate(x + length * direction, fields)
+            inverted = not ahead.min_J > 0.0
+            if not inverted and self._acceptable(state, ahead, direction, slope, length):
+                return x + length * direction, ahead
+            length /= 2.0
+        raise _Failed(Outcome.INVERTED_ELEMENT if inverted else Outcome.NOT_CONVERGED)
+
+    def _acceptable(self, state, ahead, direction, slope, length):
+        """Armijo; near the solution, where the energy only shows rounding, a falling slope."""
+        gain = self.options.sufficient_decrease * length * slope
+        if ahead.energy <= state.energy + gain:
+            return True
+        noise = 1e-10 * max(abs(state.energy), abs(ahead.energy))
+        new_slope = float(np.sum(ahead.forces * direction))
+        return ahead.energy <= state.energy + noise and abs(new_slope) <= 0.5 * abs(slope)
+
+
+def _with_force(fields, force):
+    return replace(fields, nodal_force=fields.nodal_force + force)

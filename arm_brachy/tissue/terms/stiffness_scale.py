@@ -1,0 +1,36 @@
+"""Uniform modulus error: the tissue is stiffer or softer than the model, everywhere alike."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from arm_brachy.core.quantity import quantity
+from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
+
+
+@dataclass(frozen=True)
+class StiffnessScale(BodyTerm):
+    """Shear and bulk modulus times one factor; Poisson's ratio stays.
+
+    Forces scale with the factor. Positions do not change as long as the body is driven by
+    displacements alone, because the equilibrium equations are homogeneous in the modulus; a dead
+    load, a spring support or inertia breaks that.
+    Test: tissue/terms/test_stiffness_scale.py
+    """
+
+    factor: float = quantity(
+        1.0, '', 'modulus over the modulus of the scene', low=0.05, high=20.0,
+        prior=('lognormal', 1.0, 1.5), typical=1.2,
+        source='range: fat to tumour, 0.5-10 x normal gland (Ramiao et al. 2016, Biomech Model '
+               'Mechanobiol 15:1307); neutral at 1')
+
+    spec: ClassVar[TermSpec] = TermSpec(
+        name='stiffness_scale', kind=Kind.TISSUE, stage=Stage.BODY,
+        summary='modulus uniformly off',
+        equation='mu -> factor mu;  kappa -> factor kappa',
+        source='equilibrium div P = 0 is homogeneous of degree one in (mu, kappa)',
+        invisible_when='only positions are recorded, pads are displacement-driven and no dead '
+                       'load, spring support or inertia acts')
+
+    def prepare(self, body):
+        """Return `body` with both moduli scaled."""
+        return replace(body, mu=self.factor * body.mu, kappa=self.factor * body.kappa)

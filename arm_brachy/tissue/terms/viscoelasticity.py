@@ -1,0 +1,134 @@
+"""Isochoric viscoelasticity: force depends on rate, holds relax, release recovers slowly."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.quantity import quantity
+from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
+from arm_brachy.tissue.element import edge_matrices
+from arm_brachy.tissue.material import inverse_transpose
+
+_SOURCE = ('creep of glandular tissue in vivo: 3.2 +- 0.8 s and 42 +- 28 s, viscous about equal '
+           'to elastic strain (Sridhar & Insana 2007, Med Phys 34:4757)')
+
+
+@dataclass(frozen=True)
+class ViscoMemory:
+    """Internal variables, per element.
+
+    elastic : (m, 3, 3) [Pa] isochoric equilibrium stress S_iso at the last step
+    over : (2, m, 3, 3) [Pa] overstress Q_i of each branch, second Piola-Kirchhoff
+    """
+
+    elastic: np.ndarray
+    over: np.ndarray
+
+
+@dataclass(frozen=True)
+class Viscoelasticity(BodyTerm):
+    """Quasi-linear finite viscoelasticity with a Prony series of one or two branches.
+
+    Convention: the modulus of the scene is the LONG-TERM one (it comes from a slow test, and a
+    hold ends where the elastic body would be). A sudden load meets mu / (1 - g1 - g2). The volume
+    response does not relax. The convolution is integrated with an exponential recursion
+    that is exact for a stress history linear within a step (Taylor et al. 1970), hence stable for
+    any step: dt = inf means that the body has rested for ever.
+
+    Holds for overstress of the order of the elastic stress at strains below about 50 %: the
+    kernel does not depend on strain, and dissipation is guaranteed near equilibrium only.
+    Test: tissue/terms/test_viscoelasticity.py (relaxation, ramp, marker invariance)
+    """
+
+    g1: float = quantity(0.3, '', 'share of the instantaneous modulus that relaxes with tau1',
+                         low=0.0, high=0.9, prior=('uniform', 0.0, 0.6), source=_SOURCE)
+    tau1: float = quantity(3.0, 's', 'relaxation time of the first branch', low=1e-3, high=1e4,
+                           prior=('lognormal', 3.0, 3.0), source=_SOURCE)
+    g2: float = quantity(0.0, '', 'share that relaxes with tau2 (0 = one branch)', low=0.0,
+                         high=0.9, prior=('uniform', 0.0, 0.4), source=_SOURCE)
+    tau2: float = quantity(40.0, 's', 'relaxation time of the second branch', low=1e-3, high=1e4,
+                           prior=('lognormal', 40.0, 3.0), source=_SOURCE)
+
+    spec: ClassVar[TermSpec] = TermSpec(
+        name='viscoelasticity', kind=Kind.TISSUE, stage=Stage.BODY,
+        summary='rate-dependent force, relaxation in a hold, slow recovery',
+        equation='S = S_vol + S_iso + Q_1 + Q_2;  dQ_i/dt + Q_i / tau_i = '
+                 'g_i / (1 - g_1 - g_2) dS_iso/dt',
+        source='Simo 1987, CMAME 60:153; Holzapfel 2000, Nonlinear Solid Mechanics, sec. 6.10; '
+               'Taylor, Pister & Goudreau 1970, IJNME 2:45 (recursion)',
+        invisible_when='only positions are recorded, the tissue is homogeneous and nearly '
+                       'incompressible and only moved by bonded pads, never released')
+
+    def __post_init__(self):
+        if self.g1 + self.g2 >= 1.0:
+            raise ConfigError(f'g1 + g2 = {self.g1 + self.g2:.4g}; must be < 1, or '
+                              'nothing elastic is left; lower one of them')
+
+    def prepare(self, body):
+        """Return `body` as it is: its moduli are the long-term ones."""
+        return body
+
+    def memory(self, body):
+        """Return the ViscoMemory of a body that has never been strained."""
+        m = len(body.mu)
+        return ViscoMemory(np.zeros((m, 3, 3)), np.zeros((2, m, 3, 3)))
+
+    def before_step(self, body, memory, t, dt, fields):
+        """Stiffen `fields.mu` and add the remembered stress for the step (t - dt, t]."""
+        decay, gain = self._recursion(dt)
+        fields.mu *= 1.0 + gain.sum()
+        remembered = np.tensordot(decay, memory.over, axes=1)
+        fields.stress += remembered - gain.sum() * memory.elastic
+
+    def after_step(self, body, memory, x, t, dt):
+        """Return the ViscoMemory at t, given the positions x (n, 3) [m] reached."""
+        decay, gain = self._recursion(dt)
+        elastic = isochoric_stress(body.mesh, body.mu, x)
+        rise = elastic - memory.elastic
+        over = np.stack([d * q + g * rise
+                         for d, q, g in zip(decay, memory.over, gain, strict=True)])
+        return ViscoMemory(elastic, over)
+
+    def _recursion(self, dt):
+        """Return per branch (decay, gain): Q <- decay Q + gain (S_iso,new - S_iso,old)."""
+        long_term = 1.0 - self.g1 - self.g2
+        steps = [dt / tau for tau in (self.tau1, self.tau2)]
+        mean = [-math.expm1(-r) / r if r > 0.0 else 1.0 for r in steps]
+        gain = [g / long_term * f for g, f in zip((self.g1, self.g2), mean, strict=True)]
+        return np.array([math.exp(-r) for r in steps]), np.array(gain)
+
+
+def isochoric_stress(mesh, mu, x):
+    """Isochoric second Piola-Kirchhoff stress of the Neo-Hookean law (3.18) in each element.
+
+    mesh : TetMesh;  mu : (m,) [Pa];  x : (n, 3) positions [m]
+    Returns (m, 3, 3) [Pa]: mu J^(-2/3) (I - tr(C) / 3 C^-1).
+    """
+    out = np.empty((len(mesh.tets), 3, 3))
+    _isochoric(edge_matrices(mesh.nodes, mesh.tets), edge_matrices(x, mesh.tets), mu, out)
+    return out
+
+
+@njit(cache=True, error_model='numpy')
+def _isochoric(rest, now, mu, out):
+    """Element loop of `isochoric_stress`; rest, now : (m, 3, 3) edge matrices."""
+    inverse, inv_T = np.empty((3, 3)), np.empty((3, 3))
+    F = np.empty((3, 3))
+    for e in range(len(mu)):
+        inverse_transpose(rest[e], inverse)
+        I1 = 0.0
+        for i in range(3):
+            for k in range(3):
+                F[i, k] = (now[e, i, 0] * inverse[k, 0] + now[e, i, 1] * inverse[k, 1]
+                           + now[e, i, 2] * inverse[k, 2])
+                I1 += F[i, k] ** 2
+        scale = mu[e] * inverse_transpose(F, inv_T) ** (-2.0 / 3.0)
+        for i in range(3):
+            for k in range(3):
+                C_inv = (inv_T[0, i] * inv_T[0, k] + inv_T[1, i] * inv_T[1, k]
+                         + inv_T[2, i] * inv_T[2, k])
+                out[e, i, k] = scale * ((1.0 if i == k else 0.0) - I1 / 3.0 * C_inv)

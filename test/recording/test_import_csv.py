@@ -1,0 +1,141 @@
+"""CSV import on files made by hand, and on another laboratory's recording."""
+
+import gzip
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+from arm_brachy.core.errors import ConfigError, RecordingError
+from arm_brachy.core.paths import config_dir
+from arm_brachy.recording.import_csv import import_csv
+from arm_brachy.recording.reader import BagReader
+
+MAP = """\
+name: test
+start_s: 1.0
+encoders:
+  - csv: {path: enc.csv, time: t_ms, time_unit: ms, clock_offset_ms: -3.0}
+    columns: 'q{key}_mm'
+    unit: mm
+    names: {left: '1', right: '0'}
+    frame: rig
+forces:
+  - csv: {path: force.csv.gz, time: t}
+    columns: 'f{key}{axis}'
+    sign: on_tissue
+    unit: mN
+    axes: [X, Y, Z]
+    names: {left: '1'}
+optical:
+  - csv: {path: opt.csv, time: t}
+    columns: '{key}_{axis}_mm'
+    unit: mm
+em:
+  - csv: {path: em.csv, time: t}
+    columns: '{key}_{axis}'
+    quaternion: '{key}_q{axis}'
+    quality: '{key}_err'
+"""
+
+
+@pytest.fixture
+def rig(tmp_path):
+    (tmp_path / 'map.yaml').write_text(MAP)
+    (tmp_path / 'enc.csv').write_text('t_ms,q0_mm,q1_mm\n0,0,10\n10,,11\n20,2,12\n')
+    with gzip.open(tmp_path / 'force.csv.gz', 'wt') as stream:
+        stream.write('t,f1X,f1Y,f1Z\n0,1000,0,-500\n0.01,nan,0,0\n')
+    (tmp_path / 'opt.csv').write_text(
+        't,m a_x_mm,m a_y_mm,m a_z_mm,b_x_mm,b_y_mm,b_z_mm\n'
+        '0,1,2,3,4,5,6\n0.01,1,2,3,,,\n0.02,1,2,3,4,5,6\n0.04,1,2,3,4,5,6\n')
+    (tmp_path / 'em.csv').write_text(
+        't,s_x,s_y,s_z,s_qx,s_qy,s_qz,s_qw,s_err\n0,1,2,3,0,0,1,0,0.5\n0.025,,,,,,,,9.0\n')
+    return tmp_path
+
+
+def test_every_stream_arrives_in_si(rig):
+    report = import_csv(rig / 'map.yaml', rig / 'bag', attachments={'scene.yaml': 'name: s\n'})
+    assert report['messages'] == {
+        '/actuators/state': 3, '/force/left/wrench': 1, '/optical/markers': 4, '/em/s/pose': 1,
+        '/em/s/status': 2}
+    bag = BagReader(rig / 'bag')
+    encoders = [m for _, m in bag.messages(['/actuators/state'])]
+    assert [m.name for m in encoders] == [['left', 'right'], ['left'], ['left', 'right']]
+    np.testing.assert_allclose(encoders[2].position, [0.012, 0.002])
+    assert encoders[0].header.frame_id == 'rig'
+    t, _ = bag.series('/actuators/state', lambda m: 0.0, clock='stamp')
+    np.testing.assert_allclose(t, [0.997, 1.007, 1.017], atol=1e-12)
+    force = next(bag.messages(['/force/left/wrench']))[1].wrench
+    assert (force.force.x, force.force.z) == (-1.0, 0.5)  # on the tissue there, on the tool here
+    assert np.isnan(force.torque.x)
+    frames = [m for _, m in bag.messages(['/optical/markers'])]
+    assert frames[0].ids == ['m a', 'b']
+    assert [m.visible for m in frames] == [
+        [True, True], [True, False], [True, True], [True, True]]
+    assert [m.frame_number for m in frames] == [0, 1, 2, 4]
+    assert frames[2].points[1].z == pytest.approx(0.006)
+    assert np.isnan(frames[1].points[1].x)
+    pose = next(bag.messages(['/em/s/pose']))[1].pose
+    assert (pose.position.z, pose.orientation.z, pose.orientation.w) == (3.0, 1.0, 0.0)
+    assert [(m.status, m.quality) for _, m in bag.messages(['/em/s/status'])] == [(0, 0.5),
+                                                                                  (1, 9.0)]
+    assert bag.attachment_text('columns.yaml') == MAP
+
+
+def test_messages_are_ordered_by_time_across_files(rig):
+    import_csv(rig / 'map.yaml', rig / 'bag')
+    times = [r.log_time_ns for r in BagReader(rig / 'bag').records()]
+    assert times == sorted(times)
+
+
+@pytest.mark.parametrize(('old', 'new', 'error', 'words'), [
+    ('start_s: 1.0', 'start_s: 0.0', RecordingError, 'is negative; set `start_s`'),
+    ('sign: on_tissue', 'sign: towards', ConfigError, 'sign'),
+    ('sign: on_tissue', '', ConfigError, 'sign'),
+    ('unit: mN', 'unit: lb', ConfigError, 'unit'),
+    ("'q{key}_mm'", "'q{index}_mm'", ConfigError, r'may hold only \{key\}'),
+    ("'q{key}_mm'", "'q_mm'", ConfigError, r'must hold \{key\}'),
+    ("'q{key}_mm'", "'q{key_mm'", ConfigError, 'expected'),
+    ('time_unit: ms', 'timeunit: ms', ConfigError, "did you mean 'time_unit'"),
+    ('path: opt.csv', 'path: opt2.csv', RecordingError, 'no such file'),
+])
+def test_mistakes_in_the_map(rig, old, new, error, words):
+    (rig / 'map.yaml').write_text(MAP.replace(old, new))
+    with pytest.raises(error, match=words) as caught:
+        import_csv(rig / 'map.yaml', rig / 'bag')
+    assert '\n' not in str(caught.value)
+    assert not (rig / 'bag').exists()
+
+
+def test_a_map_of_nothing_is_refused(rig):
+    (rig / 'map.yaml').write_text('name: nothing\n')
+    with pytest.raises(ConfigError, match='names no file'):
+        import_csv(rig / 'map.yaml', rig / 'bag')
+
+
+@pytest.mark.parametrize('name', ['A', 'B', 'C'])
+def test_dome_rig(recordings, tmp_path, name):
+    folder = recordings / 'dome_rig' / 'recordings' / name
+    report = import_csv(config_dir() / 'imports' / 'dome_rig.yaml', tmp_path / 'bag',
+                        folder=folder)
+    rates = {topic: s['rate_Hz'] for topic, s in report['streams'].items()}
+    assert rates['/actuators/state'] == rates['/optical/markers'] == pytest.approx(100.0)
+    assert rates['/em/em0/pose'] == pytest.approx(40.0)
+
+
+def test_dome_rig_tissue_pushes_back_on_every_pad(recordings, tmp_path):
+    rig = recordings / 'dome_rig'
+    import_csv(config_dir() / 'imports' / 'dome_rig.yaml', tmp_path / 'bag',
+               folder=rig / 'recordings' / 'C')
+    bag = BagReader(tmp_path / 'bag')
+    t, q = bag.series('/actuators/state', lambda m: m.position)
+    for k, pad in enumerate(YAML(typ='safe').load(rig / 'scene.yaml')['pads']):
+        t_f, force = bag.series(f'/force/pad_{k}/wrench', lambda m: [
+            m.wrench.force.x, m.wrench.force.y, m.wrench.force.z])
+        dq = np.diff(np.interp(t_f, t, q[:, k]))
+        along = force @ np.array(pad['direction'])
+        work = 0.5 * (along[1:] + along[:-1]) * dq  # of the tissue on the pad [J]
+        taken = work[dq > 0].sum()
+        assert taken < 0.0  # sign `on_tool`: the force opposes the push
+        assert abs(work.sum()) < 0.1 * abs(taken)  # and gives back what it took
+

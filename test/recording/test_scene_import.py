@@ -1,0 +1,98 @@
+"""Another laboratory's scene: geometry, sign and files arrive; what does not is reported."""
+
+from io import StringIO
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.scene import load_scene
+from arm_brachy.recording.import_csv import import_csv
+from arm_brachy.recording.scene_import import import_scene
+
+THEIRS = {
+    'units': {'length': 'm', 'force': 'N', 'time': 's', 'pressure': 'Pa'},
+    'mesh': {'file': 'x.msh', 'npz': 'x.npz'},
+    'material': {'model': 'neo_hookean', 'E': 8000.0, 'nu': 0.48, 'density': 1000.0,
+                 'novelty': 3.0},
+    'gravity': [0.0, 0.0, -9.81],
+    'fixed': {'set': 'base_nodes'},
+    'pads': [{'name': 'p', 'centre': [0.05, 0.0, 0.03], 'radius': 0.009,
+              'direction': [-1.0, 0.0, 0.0], 'stroke_max': 0.009, 'node_set': 'pad_nodes_0'}],
+    'markers': [{'id': 'm', 'reference': [0.0, 0.01, 0.05], 'body': 'tissue'},
+                {'id': 'b', 'reference': [0.08, 0.01, 0.0], 'body': 'base'}],
+    'em_targets': [{'id': 'e', 'reference': [0.0, 0.0, 0.02]}],
+    'sensors': {'forces': {'sign': 'force the pad exerts on the tissue'}},
+    'recordings': [{'name': 'A', 'folder': 'rec/A'}],
+}
+
+
+@pytest.fixture
+def rig(tmp_path):
+    def write(change=None):
+        (tmp_path / 'lab').mkdir(exist_ok=True)
+        theirs = YAML(typ='safe').load(_text(THEIRS))
+        if change:
+            change(theirs)
+        (tmp_path / 'lab' / 'scene.yaml').write_text(_text(theirs))
+        return tmp_path / 'lab' / 'scene.yaml'
+
+    return write
+
+
+def _text(data):
+    stream = StringIO()
+    YAML(typ='safe').dump(data, stream)
+    return stream.getvalue()
+
+
+def test_scene_in_our_terms(rig, tmp_path):
+    report = import_scene(rig(), tmp_path / 'out')
+    scene = load_scene(report['scene'])
+    assert scene.name == 'lab'
+    assert scene.mesh.file == str(tmp_path / 'lab' / 'x.npz')
+    assert (scene.material.E, scene.material.nu) == (8000.0, 0.48)
+    assert (scene.fixed.kind, scene.fixed.set) == ('set', 'base_nodes')
+    (pad,) = scene.pads
+    assert (pad.name, pad.set, pad.direction) == ('p', 'pad_nodes_0', (-1.0, 0.0, 0.0))
+    assert (pad.radius, pad.stroke) == pytest.approx((0.009, 0.009))
+    assert [m.body for m in scene.markers] == ['tissue', 'base']
+    np.testing.assert_allclose(scene.targets[0].position, [0.0, 0.0, 0.02])
+    np.testing.assert_allclose(scene.gravity, [0.0, 0.0, -9.81])
+    assert set(report['unused']) == {'mesh.file', 'material.novelty'}
+
+
+def test_column_map_takes_their_sign(rig, tmp_path):
+    report = import_scene(rig(), tmp_path / 'out')
+    assert 'sign: on_tissue' in open(report['maps']['A'], encoding='utf-8').read()
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    (lambda d: d['units'].update(length='mm'), 'units.length'),
+    (lambda d: d['material'].update(model='ogden'), 'material.model'),
+    (lambda d: d['material'].update(E='soft'), r'scene.yaml:\d+: material'),
+    (lambda d: d['sensors']['forces'].update(sign='outwards'), 'sensors.forces.sign'),
+    (lambda d: d.pop('fixed'), "'fixed' is missing"),
+    (lambda d: d['pads'][0].pop('centre'), 'centre'),
+])
+def test_what_cannot_be_converted_is_refused(rig, tmp_path, change, words):
+    with pytest.raises(ConfigError, match=words) as caught:
+        import_scene(rig(change), tmp_path / 'out')
+    assert '\n' not in str(caught.value)
+
+
+def test_dome_rig(recordings, tmp_path):
+    report = import_scene(recordings / 'dome_rig' / 'scene.yaml', tmp_path / 'out')
+    scene = load_scene(report['scene'])
+    assert scene.name == 'dome_rig'
+    assert (len(scene.pads), len(scene.markers), len(scene.targets)) == (4, 23, 2)
+    for pad in scene.pads:
+        assert np.linalg.norm(pad.direction) == pytest.approx(1.0, abs=1e-6)
+    with np.load(scene.mesh.file) as mesh:
+        for name in (scene.fixed.set, *(p.set for p in scene.pads)):
+            assert len(mesh[name]) > 3
+        near = mesh['nodes'][mesh[scene.pads[0].set]].mean(axis=0)
+    assert np.linalg.norm(near - scene.pads[0].centre) < scene.pads[0].radius
+    messages = import_csv(report['maps']['C'], tmp_path / 'bag')['messages']
+    assert messages['/optical/markers'] == 2338

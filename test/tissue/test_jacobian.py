@@ -1,0 +1,115 @@
+"""The Jacobian (3.23) against central differences and against the printed force form (3.22)."""
+
+import numpy as np
+import pytest
+
+from arm_brachy.core.errors import NotConverged
+from arm_brachy.tissue.body import Pad, SoftBody, StepFields
+from arm_brachy.tissue.box import box_mesh
+from arm_brachy.tissue.jacobian import (
+    directed_jacobian,
+    pad_stiffness,
+    pad_translations,
+    target_jacobian,
+)
+from arm_brachy.tissue.material import moduli
+from arm_brachy.tissue.mesh import embed, interpolate
+from arm_brachy.tissue.newton import NewtonOptions, StaticSolver
+
+STEP = 1e-5
+PUSH = np.array([[0.0, 0.0005, -0.003], [0.002, 0.0, 0.0]])
+
+
+@pytest.fixture(scope='module')
+def setting():
+    """Solver tight enough for differences, a deformed equilibrium, two targets inside."""
+    mesh = box_mesh((0.04, 0.04, 0.03), (3, 3, 3), perturbation=0.15,
+                    rng=np.random.default_rng(0))
+    x, y, z = mesh.nodes.T
+    top = np.flatnonzero(np.isclose(z, 0.03) & (np.hypot(x - 0.02, y - 0.02) < 0.012))
+    side = np.flatnonzero(np.isclose(x, 0.0) & (np.abs(z - 0.015) < 0.006) & (y > 0.01)
+                          & (y < 0.03))
+    side_direction = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    pads = (Pad('top', top, np.array([0, 0, -1.0]), np.array([0.02, 0.02, 0.03]), 0.02),
+            Pad('side', side, side_direction, np.array([0.0, 0.02, 0.015]), 0.02))
+    mu, kappa = moduli(6000.0, 0.45)
+    m = len(mesh.tets)
+    body = SoftBody(mesh, np.full(m, mu), np.full(m, kappa), np.full(m, 1000.0),
+                    mesh.node_sets['z0'], pads)
+    solver = StaticSolver(body, options=NewtonOptions(tolerance=1e-13))
+    solution = solver.solve(mesh.nodes, PUSH)
+    assert solution.outcome.ok
+    targets = embed(mesh, [[0.02, 0.02, 0.015], [0.012, 0.025, 0.02]])
+    return solver, solution.x, targets
+
+
+def central(solver, x, quantity):
+    """Central differences of quantity(solution) in each pad translation: (..., p, 3)."""
+    columns = []
+    for pad in range(2):
+        for axis in range(3):
+            d = np.zeros((2, 3))
+            d[pad, axis] = STEP
+            ahead, back = solver.solve(x, PUSH + d), solver.solve(x, PUSH - d)
+            columns.append((quantity(ahead) - quantity(back)) / (2 * STEP))
+    return np.stack(columns, axis=-1).reshape(*columns[0].shape, 2, 3)
+
+
+def test_target_jacobian_matches_central_differences(setting):
+    solver, x, targets = setting
+    J = target_jacobian(solver, x, targets)
+    numeric = central(solver, x, lambda s: interpolate(targets, s.x))
+    np.testing.assert_allclose(J, numeric, atol=1e-6 * np.abs(J).max())
+
+
+def test_pad_stiffness_matches_central_differences_and_is_symmetric_negative(setting):
+    solver, x, _ = setting
+    K = pad_stiffness(solver, x)
+    numeric = central(solver, x, lambda s: s.pad_force)
+    np.testing.assert_allclose(K, numeric, atol=1e-6 * np.abs(K).max())
+    matrix = K.reshape(6, 6)
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-9 * np.abs(matrix).max())
+    assert np.linalg.eigvalsh(matrix).max() < 0.0
+
+
+def test_equals_the_printed_force_form(setting):
+    """(3.22): forces on every pad node, eliminated through K with only the base held."""
+    solver, x, targets = setting
+    body = solver.body
+    n = len(body.mesh.nodes)
+    alive = np.setdiff1d(np.arange(n), body.fixed)
+    dofs = (3 * alive[:, None] + np.arange(3)).ravel()
+    K = solver.assembler.tangent(x).toarray()[np.ix_(dofs, dofs)]
+    control = np.concatenate([pad.nodes for pad in body.pads])
+    rows = (3 * control[:, None] + np.arange(3)).ravel()
+    J_c = (dofs[:, None] == rows).astype(float)
+    J_m = np.kron(targets.matrix(n).toarray(), np.eye(3)).T[dofs]
+    flexible = np.linalg.solve(K, J_c)
+    J_s = J_m.T @ flexible @ np.linalg.inv(J_c.T @ flexible)
+    printed = (J_s @ pad_translations(body)[rows]).reshape(2, 3, 2, 3)
+    np.testing.assert_allclose(target_jacobian(solver, x, targets), printed, atol=1e-9)
+
+
+def test_directed_is_the_contraction_with_push_directions(setting):
+    solver, x, targets = setting
+    J, pads = target_jacobian(solver, x, targets), solver.body.pads
+    directed = directed_jacobian(solver, x, targets)
+    assert directed.shape == (2, 3, 2)
+    for p, pad in enumerate(pads):
+        np.testing.assert_allclose(directed[:, :, p], J[:, :, p] @ pad.direction, atol=1e-15)
+
+
+def test_a_target_on_a_pad_moves_with_it(setting):
+    solver, x, _ = setting
+    on_pad = embed(solver.body.mesh, solver.body.mesh.nodes[solver.body.pads[0].nodes[:1]])
+    J = target_jacobian(solver, x, on_pad)
+    np.testing.assert_allclose(J[0, :, 0], np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(J[0, :, 1], 0.0, atol=1e-9)
+
+
+def test_no_jacobian_at_an_unstable_state(setting):
+    solver, x, targets = setting
+    fields = StepFields.of(solver.body)
+    fields.stress[:] = -1e6 * np.eye(3)
+    with pytest.raises(NotConverged, match='no linearisation'):
+        target_jacobian(solver, x, targets, fields)
