@@ -104,6 +104,10 @@ class Launcher:
                 for number, handler in before.items():
                     signal.signal(number, handler)
 
+    def pid_of(self, name):
+        """Process id of a node."""
+        return self._children[name].pid
+
     def _on_signal(self, number, frame):
         self._interrupts += 1
 

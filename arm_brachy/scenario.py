@@ -4,6 +4,7 @@ The plant (what plays the patient) and the model (what controllers believe) are 
 one scene. A seed is always given.
 """
 
+import re
 from dataclasses import dataclass, field, replace
 from io import StringIO
 from pathlib import Path
@@ -14,6 +15,7 @@ from ruamel.yaml import YAML
 from arm_brachy import registry
 from arm_brachy.control.manipulator import ManipulatorParams
 from arm_brachy.core import config
+from arm_brachy.core.complaint import line_of
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantity
 from arm_brachy.core.scene import MeshFile, Scene, load_scene
@@ -21,6 +23,9 @@ from arm_brachy.devices.actuator_driver import ActuatorParams
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
+
+ROS_NAME = re.compile('[A-Za-z][A-Za-z0-9_]*')  # a token of a topic name
+TICK_ROUNDING_NS = 1e-3  # what conversion from ms leaves at most
 
 
 @dataclass(frozen=True)
@@ -66,8 +71,9 @@ class Scenario:
     scene: str
     description: str = ''
     pace: Literal['lockstep', 'wall'] = 'lockstep'
-    tick: float = quantity(20.0, 'ms', 'period of the cell clock', low=1.0, high=1000.0,
-                           source='half the EM period of 25 ms, rounded down')
+    tick: float = quantity(50.0, 'ms', 'period of the cell clock', low=1.0, high=250.0,
+                           source='half the control period; sensors sample between ticks at their '
+                                  'own rates, along the straight line from tick to tick')
     settle: float = quantity(2.0, 's', 'rest before the first task and after each homing',
                              low=0.0, high=600.0)
     mesh_rate: float = quantity(5.0, 'Hz', 'how often the mesh is published', low=0.01, high=100.0)
@@ -116,22 +122,55 @@ class Cell:
 
 
 def load_cell(path):
-    """Read a scenario file and everything it names.
+    """Read a scenario file and everything it names; paths are relative to the scenario file.
 
-    Raises ConfigError or MeshError before anything runs; paths are relative to the scenario file.
+    Raises ConfigError before anything runs, with the line of the file where there is one.
     """
     path = Path(path).resolve()
-    return resolve(config.load(Scenario, path), path)
+    source = config.read_yaml(path)
+    return resolve(config.from_mapping(Scenario, source, str(path)), path, source)
 
 
-def resolve(scenario, path):
-    """Look up what a Scenario names; `path` is its file (for messages and relative paths)."""
-    scene = load_scene((path.parent / scenario.scene).resolve())
-    _check_names(scenario, scene, path)
-    return Cell(scenario, scene, _overlaid(scene, scenario.plant, path),
-                _overlaid(scene, scenario.model, path),
-                registry.parse_terms(scenario.plant.terms, f'{path}: plant.terms'),
-                registry.parse_terms(scenario.model.terms, f'{path}: model.terms'), path)
+def resolve(scenario, path, source=None):
+    """Look up what a Scenario names.
+
+    path : its file (for messages and relative paths)
+    source : the mapping it was read from, which knows the lines; None if it was made in Python
+    Returns Cell. Raises ConfigError, also for what a schema cannot see: names given twice, a pad
+    without direction, a stroke longer than the actuator's, a tick that is no whole nanosecond.
+    """
+    scene_path = (path.parent / scenario.scene).resolve()
+    scene = load_scene(scene_path)
+    _check_scene(scene, _Place(scene_path))
+    _check_scenario(scenario, scene, _Place(path))
+    cell = Cell(scenario, scene, _overlaid(scene, scenario.plant, path),
+                _overlaid(scene, scenario.model, path), _terms(scenario, source, path, 'plant'),
+                _terms(scenario, source, path, 'model'), path)
+    for side in ('scene', 'plant', 'model'):
+        mesh = Path(getattr(cell, side).mesh.file)
+        if not mesh.is_file():
+            raise ConfigError(f'{mesh}: no such mesh file; named by the {side} of {path}')
+    return cell
+
+
+def _terms(scenario, source, path, side):
+    """Terms of one overlay, from the mapping as read where there is one: it knows the lines."""
+    entries = getattr(scenario, side).terms
+    if source is not None and entries:
+        entries = source[side]['terms']
+    return registry.parse_terms(entries, f'{path}: {side}.terms')
+
+
+class _Place:
+    """Turns keys of a file into `file:line: key` for messages."""
+
+    def __init__(self, path):
+        self._path = path
+
+    def __call__(self, *keys):
+        # read anew for its lines: only a message needs them; a Cell made in Python has no file
+        source = config.read_yaml(self._path) if self._path.is_file() else None
+        return f'{self._path}{line_of(source, keys)}: {".".join(str(k) for k in keys)}'
 
 
 def _overlaid(scene, overlay, path):
@@ -146,14 +185,61 @@ def _overlaid(scene, overlay, path):
     return replace(scene, material=material, mesh=mesh)
 
 
-def _check_names(scenario, scene, path):
-    targets = [t.name for t in scene.targets]
-    wanted = [(f'tasks.{i}.target', t.target) for i, t in enumerate(scenario.tasks)]
-    wanted += [(f'em_tools.{i}', tool) for i, tool in enumerate(scenario.em_tools)]
-    for key, name in wanted:
-        if name not in targets:
-            raise ConfigError(f'{path}: {key} = {name!r}; must be a target of scene '
-                              f'{scene.name}: {", ".join(targets) or "it has none"}')
+def _check_scene(scene, place):
+    _refuse_twice(place, _names(scene, 'pads'))
+    # markers and targets are the points of one body, told apart by name
+    _refuse_twice(place, {**_names(scene, 'markers'), **_names(scene, 'targets')})
+    for keys, name in {**_names(scene, 'pads'), **_names(scene, 'targets')}.items():
+        if not ROS_NAME.fullmatch(name):
+            raise ConfigError(f'{place(*keys)} = {name!r}; must be letters, digits and _, a letter '
+                              'first: it becomes part of a topic')
+    for i, pad in enumerate(scene.pads):
+        if not any(pad.direction):
+            raise ConfigError(f"{place('pads', i, 'direction')} = {list(pad.direction)}; must not "
+                              'be zero: it says where the pad pushes')
+
+
+def _names(owner, kind):
+    """Map keys of the file -> name for a tuple of named things."""
+    return {(kind, i, 'name'): item.name for i, item in enumerate(getattr(owner, kind))}
+
+
+def _refuse_twice(place, names):
+    seen = set()
+    for keys, name in names.items():
+        if name in seen:
+            raise ConfigError(f'{place(*keys)} = {name!r} is given twice; names must differ')
+        seen.add(name)
+
+
+def _check_scenario(scenario, scene, place):
+    tools = {('em_tools', i): tool for i, tool in enumerate(scenario.em_tools)}
+    _refuse_twice(place, tools)
+    _refuse_twice(place, _names(scenario, 'tasks'))
+    known = [t.name for t in scene.targets]
+    goals = {('tasks', i, 'target'): t.target for i, t in enumerate(scenario.tasks)}
+    for keys, name in {**goals, **tools}.items():
+        if name not in known:
+            raise ConfigError(f'{place(*keys)} = {name!r}; must be a target of scene '
+                              f'{scene.name}: {", ".join(known) or "it has none"}')
+    for i, task in enumerate(scenario.tasks):
+        if not task.axes or len(set(task.axes)) < len(task.axes):
+            raise ConfigError(f"{place('tasks', i, 'axes')} = {list(task.axes)}; must be one to "
+                              'three of x, y, z, each once')
+    if scenario.seed < 0:
+        raise ConfigError(f"{place('seed')} = {scenario.seed}; must be at least 0")
+    if abs(scenario.tick * 1e9 - round(scenario.tick * 1e9)) > TICK_ROUNDING_NS:
+        raise ConfigError(f"{place('tick_ms')} = {scenario.tick * 1e3:.12g}; must be a whole "
+                          'number of nanoseconds')
+    _check_strokes(scenario.actuators.stroke, scene, place)
+
+
+def _check_strokes(longest, scene, place):
+    for pad in scene.pads:
+        if pad.stroke > longest * (1 + 1e-9):  # a rounding of units is no difference
+            raise ConfigError(f"{place('actuators', 'stroke_mm')} = {longest * 1e3:g}; must be at "
+                              f'least the {pad.stroke * 1e3:g} mm of {pad.name} in scene '
+                              f'{scene.name}')
 
 
 def bundle(cell):

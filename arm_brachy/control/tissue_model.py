@@ -53,7 +53,8 @@ class TissueModel:
 
         q : (p,) [m] pad travel along each push direction;  target : name
         """
-        solution = self._solver.solve(self._x, q[:, None] * self._directions)
+        held_at = self._solver.held_positions(q[:, None] * self._directions)
+        solution = self._solver.follow(self._x, held_at)
         if not solution.outcome.ok:
             return self._failed(solution.outcome)
         embedding = self._embedding[target]

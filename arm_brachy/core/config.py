@@ -3,11 +3,10 @@
 A dataclass is the schema. Its `quantity` fields appear in YAML under `<name>_<unit>` and are
 converted to SI; nested dataclasses, tuples of dataclasses, literals and enums go by their names.
 Checking of types, ranges and unknown keys is pydantic's; what is ours is the unit suffix and the
-one-line message.
+one-line message (`complaint.py`).
 """
 
 import dataclasses
-import difflib
 import functools
 import types
 import typing
@@ -16,8 +15,10 @@ from typing import Annotated
 
 import pydantic
 from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.scalarbool import ScalarBoolean
 
+from arm_brachy.core.complaint import complaint, dataclasses_in, shown
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantities
 
@@ -38,17 +39,28 @@ def read_yaml(path):
         data = YAML(typ='rt').load(path.read_text(encoding='utf-8'))
     except FileNotFoundError:
         raise ConfigError(f'{path}: no such file') from None
-    except (IsADirectoryError, PermissionError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{path}: cannot be read as text: {error}') from None
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot be read: {error.strerror}') from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f'{path}: byte {error.start} is not UTF-8 text; save the file as '
+                          'UTF-8') from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f':{mark.line + 1}' if mark else ''
         problem = ' '.join(str(error.problem or error.context).split())
         raise ConfigError(f'{path}{line}: not valid YAML: {problem}') from None
+    except (YAMLError, ValueError) as error:  # a character YAML forbids; the 32nd of a month
+        problem = ' '.join(str(error).split())
+        raise ConfigError(f'{path}: not valid YAML: {problem}') from None
     if not isinstance(data, dict):
-        raise ConfigError(f'{path}: got {type(data).__name__}; must be a mapping of keys to '
-                          'values')
+        raise ConfigError(f'{path}: got {_kind(data)}; must be a mapping of keys to values')
     return data
+
+
+def _kind(data):
+    if data is None:
+        return 'an empty file'
+    return 'a list' if isinstance(data, list) else f'only {shown(data)}'
 
 
 def from_mapping(cls, data, where):
@@ -57,11 +69,11 @@ def from_mapping(cls, data, where):
     where : file name for messages;  Raises ConfigError (one line) on the first problem found.
     """
     if not isinstance(data, dict):
-        raise ConfigError(f'{where}: got {data!r}; must be a mapping of keys to values')
+        raise ConfigError(f'{where}: got {shown(data)}; must be a mapping of keys to values')
     try:
         checked = _model(cls).model_validate(_plain(data))
     except pydantic.ValidationError as error:
-        raise ConfigError(_one_line(cls, data, where, error.errors()[0])) from None
+        raise ConfigError(complaint(cls, data, where, error.errors())) from None
     try:
         return _build(cls, checked)
     except ConfigError as error:  # from a __post_init__, which does not know the file
@@ -98,8 +110,10 @@ def _plain(value):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(v) for v in value]
-    for base in (bool, int, float, str):
-        if isinstance(value, base) and type(value) is not base:
+    if isinstance(value, ScalarBoolean):  # derives from int, as bool does
+        return bool(value)
+    for base in (int, float, str):
+        if isinstance(value, base) and type(value) not in (base, bool):
             return base(value)
     return value
 
@@ -139,13 +153,21 @@ def _refuse_bool_and_text(value):
     return value
 
 
+# Text is no number and a number no text: `seed: '7'`, `seed: true` and `name: 7` are mistakes.
+_STRICT = {
+    int: Annotated[int, pydantic.Strict()], bool: Annotated[bool, pydantic.Strict()],
+    str: Annotated[str, pydantic.Strict()],
+    float: Annotated[float, pydantic.Field(allow_inf_nan=False), pydantic.Strict()],
+}
+
+
 def _edge_type(hint):
     """Replace dataclasses inside a type hint by their pydantic models."""
     if dataclasses.is_dataclass(hint):
         return _model(hint)
     origin, args = typing.get_origin(hint), typing.get_args(hint)
     if origin is None or origin is typing.Literal:
-        return hint
+        return _STRICT.get(hint, hint)
     if origin is Annotated:
         return Annotated[(_edge_type(args[0]), *args[1:])]
     inner = tuple(_edge_type(a) if a is not Ellipsis else a for a in args)
@@ -173,67 +195,9 @@ def _build(cls, checked):
 
 def _build_value(hint, value):
     if isinstance(value, pydantic.BaseModel):
-        return _build(_dataclass_in(hint, type(value).__name__), value)
+        return _build(next(c for c in dataclasses_in(hint) if _model(c) is type(value)), value)
     if isinstance(value, (list, tuple)):
         return tuple(_build_value(hint, v) for v in value)
     if isinstance(value, dict):
         return {k: _build_value(hint, v) for k, v in value.items()}
     return value
-
-
-def _dataclass_in(hint, name):
-    if dataclasses.is_dataclass(hint):
-        return hint if hint.__name__ == name else None
-    for arg in typing.get_args(hint):
-        found = _dataclass_in(arg, name)
-        if found is not None:
-            return found
-    return None
-
-
-def _one_line(cls, data, where, problem):
-    """Turn pydantic's first problem into `file:line: key = value; must be ...`."""
-    path = problem['loc']
-    key = '.'.join(str(p) for p in path)
-    place = f'{where}{_line_of(data, path)}'
-    if problem['type'] == 'extra_forbidden':
-        return f'{place}: unknown key {key!r}{_advice(cls, path)}'
-    if problem['type'] == 'missing':
-        return f'{place}: key {key!r} is missing; it must be given'
-    text = problem['msg'].removeprefix('Value error, ')
-    text = text.replace('Input should be', 'must be').replace('Field required', 'must be given')
-    return f'{place}: {key} = {problem["input"]!r}; {text}'
-
-
-def _advice(cls, path):
-    for part in path[:-1]:
-        hints = typing.get_type_hints(cls)
-        if isinstance(part, int) or part not in hints:
-            continue
-        inner = [h for h in _dataclasses_in(hints[part])]
-        cls = inner[0] if inner else cls
-    allowed = list(_model(cls).model_fields)
-    near = difflib.get_close_matches(str(path[-1]), allowed, n=1, cutoff=0.6)
-    if near:
-        return f'; did you mean {near[0]!r}?'
-    return '; allowed: ' + ', '.join(allowed)
-
-
-def _dataclasses_in(hint):
-    if dataclasses.is_dataclass(hint):
-        return [hint]
-    return [c for a in typing.get_args(hint) for c in _dataclasses_in(a)]
-
-
-def _line_of(data, path):
-    """`:line` of the deepest part of `path` whose position the YAML reader kept."""
-    line = None
-    node = data
-    for part in path:
-        marks = getattr(node, 'lc', None)
-        try:
-            line = (marks.item(part)[0] if isinstance(node, list) else marks.key(part)[0]) + 1
-            node = node[part]
-        except (AttributeError, KeyError, IndexError, TypeError):
-            break
-    return f':{line}' if line else ''

@@ -54,6 +54,9 @@ class Quantity:
         ('normal', mean, sd) or ('lognormal', median, factor at one sd); None = not fitted
     typical : size at which the effect is usually met (edge unit); None = the default
     source : where default and range come from
+
+    Raises ValueError for a unit that is not in UNITS and for a range turned round: a declaration
+    is code, so a wrong one is a bug and shows itself on import.
     """
 
     unit: str
@@ -65,6 +68,13 @@ class Quantity:
     typical: float | None = None
     source: str = ''
 
+    def __post_init__(self):
+        if self.unit not in UNITS:
+            raise ValueError(f'unit {self.unit!r} of {self.text!r}; must be one of '
+                             f'{", ".join(u or repr(u) for u in UNITS)}')
+        if None not in (self.low, self.high) and not self.low <= self.high:
+            raise ValueError(f'range of {self.text!r}: {self.low} to {self.high}; must increase')
+
     @property
     def scale(self):
         """Factor from the edge unit to SI."""
@@ -74,17 +84,40 @@ class Quantity:
         """Name at the edges, with its unit: `stroke` -> `stroke_mm`."""
         return f'{name}_{self.unit}' if self.unit else name
 
+    def allows(self, value):
+        """True if a number in the edge unit lies in the range (NaN never does)."""
+        low = -np.inf if self.low is None else self.low
+        high = np.inf if self.high is None else self.high
+        return bool(low <= value <= high)
+
+    def allowed(self):
+        """What a message says after 'must be': '0.5 to 200 mm', '3 finite numbers in mm'."""
+        unit = f' {UNITS[self.unit][1]}' if self.unit else ''
+        if self.shape:
+            return f'{self.shape[0]} finite numbers' + (f' in{unit}' if unit else '')
+        if self.low is not None and self.high is not None:
+            return f'{self.low:.12g} to {self.high:.12g}{unit}'
+        if self.low is not None:
+            return f'at least {self.low:.12g}{unit}'
+        if self.high is not None:
+            return f'at most {self.high:.12g}{unit}'
+        return 'a finite number' + (f' in{unit}' if unit else '')
+
     def to_si(self, value):
-        """Edge unit to SI; a vector becomes a tuple of floats."""
+        """Edge unit to SI; a vector becomes a tuple of floats, None stays None."""
+        if value is None:
+            return None
         if self.shape:
             return tuple(float(v) * self.scale for v in value)
-        return None if value is None else float(value) * self.scale
+        return float(value) * self.scale
 
     def to_edge(self, value):
         """SI to edge unit, rounded to 12 digits so that a dump reads as it was written."""
+        if value is None:
+            return None
         if self.shape:
             return [float(f'{v / self.scale:.12g}') for v in value]
-        return None if value is None else float(f'{value / self.scale:.12g}')
+        return float(f'{value / self.scale:.12g}')
 
 
 def quantity(default, unit, text, *, low=None, high=None, shape=(), prior=None, typical=None,
@@ -94,6 +127,7 @@ def quantity(default, unit, text, *, low=None, high=None, shape=(), prior=None, 
     default : in the edge unit (as a person would write it); stored in SI. None = must be given,
         `...` = optional and absent (stored as None)
     unit, text, low, high, shape, prior, typical, source : see Quantity
+    Raises ValueError for a unit that does not exist or a default outside its own range.
     """
     info = Quantity(unit, text, low, high, shape, prior, typical, source)
     meta = {'quantity': info}
@@ -101,6 +135,8 @@ def quantity(default, unit, text, *, low=None, high=None, shape=(), prior=None, 
         return dataclasses.field(metadata=meta)
     if default is ...:
         return dataclasses.field(default=None, metadata=meta)
+    if not np.all([info.allows(v) for v in np.ravel(default)]) or np.shape(default) != shape:
+        raise ValueError(f'default {default!r} of {text!r}; must be {info.allowed()}')
     return dataclasses.field(default=info.to_si(default), metadata=meta)
 
 

@@ -1,43 +1,47 @@
-"""Figures of a replay: residual of every marker over time, as a norm and per axis."""
+"""Figures of a replay: residual of every marker or pad over time, as a norm and per axis."""
 
 import numpy as np
 
-from arm_brachy.evaluation.style import BAND, INK, MM, OURS, SERIES, Plate, new_figure, styled
+from arm_brachy.evaluation.style import BAND, INK, OURS, SERIES, Plate, new_figure, styled
 
 COLUMNS = 3
+SHADES = ('#f9f5ec', '#e8eef3', '#eef6ec', '#f6ecf1', '#efefef')
+FEW = 6  # up to so many stretches each is named in the panel, beyond that in the caption only
 
 
 @styled
-def residual_norms(data, r, floor):
+def residual_norms(data, r, floor, words):
     """|r| of every marker over time against the noise floor, one panel per marker.
 
-    data : timeseries.ResidualData;  r : (n, k, 3) [m];  floor : (k,) [m] rms noise norm
+    data : timeseries.ResidualData;  r : (n, k, 3) [m or N];  floor : (k,) rms noise norm
+    words : residual_report.Words
     For who asks: where and when does the model miss something, and by how much?
     """
     figure, axes = _panels(data)
+    size = np.linalg.norm(r, axis=2) * words.scale
     for k, axis in enumerate(axes):
-        axis.plot(data.t, np.linalg.norm(r[:, k], axis=1) * MM, color=OURS, lw=1.0,
-                  rasterized=True)
-        axis.axhline(floor[k] * MM, color=BAND, lw=1.2)
-    axes[0].set_ylim(0.0, 1.18 * np.nanmax(np.linalg.norm(r, axis=2)) * MM)
-    _label(figure, axes, 'residual / mm')
+        axis.plot(data.t, size[:, k], color=OURS, lw=1.0, rasterized=True)
+        axis.axhline(floor[k] * words.scale, color=BAND, lw=1.2)
+    if np.nanmax(size, initial=0.0) > 0.0:
+        axes[0].set_ylim(0.0, 1.18 * np.nanmax(size))
+    _label(figure, axes, f'residual / {words.unit}')
     return Plate('residual_norms', figure, (
-        'Distance between measured and predicted position of every marker (blue) and the rms that '
+        f'Length of measured minus predicted for every {words.carrier} (blue) and the rms that '
         'measurement noise alone would leave (green). ' + _regimes_in_words(data)))
 
 
 @styled
-def residual_axes(data, r):
+def residual_axes(data, r, words):
     """Residual of every marker per axis over time; its direction tells the kind of error."""
     figure, axes = _panels(data)
     for k, axis in enumerate(axes):
         for i, name in enumerate('xyz'):
-            axis.plot(data.t, r[:, k, i] * MM, color=SERIES[i], lw=0.9, label=name,
+            axis.plot(data.t, r[:, k, i] * words.scale, color=SERIES[i], lw=0.9, label=name,
                       rasterized=True)
         axis.axhline(0.0, color=INK, lw=0.6)
     low, high = axes[0].get_ylim()
     axes[0].set_ylim(low, high + 0.18 * (high - low))
-    _label(figure, axes, 'residual / mm')
+    _label(figure, axes, f'residual / {words.unit}')
     figure.legend(*axes[0].get_legend_handles_labels(), loc='outside upper center', ncols=3)
     return Plate('residual_axes', figure, (
         'Residual, measured minus predicted, along each axis of the model frame. '
@@ -54,14 +58,18 @@ def _panels(data):
         spare.set_visible(False)
     for k, axis in enumerate(axes[:len(data.names)]):
         axis.set_title(data.names[k])
-        _shade_regimes(axis, data, named=k < columns)
+        _shade_regimes(axis, data, named=k < columns and len(data.regimes) <= FEW)
     return figure, axes[:len(data.names)]
 
 
+def _regime_names(data):
+    return list(dict.fromkeys(g.name for g in data.regimes))
+
+
 def _shade_regimes(axis, data, *, named):
-    for i, regime in enumerate(data.regimes):
-        axis.axvspan(regime.t_start, regime.t_end, color='#eef2f5' if i % 2 else '#f9f5ec', lw=0,
-                     zorder=0)
+    shade = dict(zip(_regime_names(data), SHADES, strict=False))
+    for regime in data.regimes:
+        axis.axvspan(regime.t_start, regime.t_end, color=shade[regime.name], lw=0, zorder=0)
         if named:
             axis.text(regime.t_start, 0.97, ' ' + regime.name, fontsize=7, va='top',
                       color='#55636e', transform=axis.get_xaxis_transform())
@@ -77,5 +85,12 @@ def _label(figure, axes, quantity):
 def _regimes_in_words(data):
     if not data.regimes:
         return ''
-    return 'Shaded: ' + ', '.join(f'{g.name} ({g.t_start:.2f}–{g.t_end:.2f} s)'
-                                  for g in data.regimes) + '.'
+    stretches = {name: [g for g in data.regimes if g.name == name] for name in _regime_names(data)}
+    if len(data.regimes) <= FEW:
+        parts = [f'{g.name} ({g.t_start:.2f}–{g.t_end:.2f} s)' for g in data.regimes]
+    else:
+        colours = dict(zip(stretches, ('sand', 'blue', 'green', 'rose', 'grey'), strict=False))
+        parts = [f'{name} ({colours[name]}, {len(found)} stretches, '
+                 f'{sum(g.t_end - g.t_start for g in found):.1f} s)'
+                 for name, found in stretches.items()]
+    return 'Shaded: ' + ', '.join(parts) + '.'

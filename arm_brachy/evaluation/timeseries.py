@@ -6,6 +6,7 @@ that would need it are left out rather than guessed.
 """
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -142,7 +143,8 @@ class RunData:
     em : target name -> EmSamples
     encoder, command_position : Series of (n, p) [m], pushes from rest along the pads' directions
     pad_displacement : Series of (n, p) [m], the true pads' (differs from the encoder by play)
-    force : Series of (n, p, 3) [N], tissue on pad
+    force : Series of (n, p, 3) [N], tissue on pad, NaN where a pad's was not measured
+    force_pads : names of its pads
     optical : OpticalFrames;  tissue : Tissue;  pads : PadMark per actuator, same order as encoder
     markers : marker name -> rest position (3,) [m]
     topics : TopicRecord;  outcomes : NodeOutcome
@@ -164,6 +166,7 @@ class RunData:
     command_position: Series | None = None
     pad_displacement: Series | None = None
     force: Series | None = None
+    force_pads: tuple = ()
     optical: OpticalFrames | None = None
     tissue: Tissue | None = None
     pads: tuple = ()
@@ -199,7 +202,9 @@ class ResidualData:
     noise_floor : (k,) [m] rms norm that a perfect model would leave; None = estimate from the data
     registration : (k,) [m] what a rigid fit of model to laboratory frame leaves at rest; None =
         no registration was needed
-    regimes : Regime;  tissue : Tissue predicted, for the picture of the body
+    regimes : Regime, several may carry one name
+    tissue : Tissue predicted, for the picture of the body
+    kind : 'position' as above, or 'force': k pads, measured and predicted [N], rest zero
     statement : one sentence, what was replayed against what
     """
 
@@ -220,3 +225,4 @@ class ResidualData:
     registration: np.ndarray | None = None
     regimes: tuple = ()
     tissue: Tissue | None = None
+    kind: Literal['position', 'force'] = 'position'

@@ -1,6 +1,5 @@
 """Figure 3.2: manipulability (3.25) over the pad plane, three against four pads, three tasks."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,21 +42,17 @@ class PadMap:
 
 
 def reproduce(out_dir):
-    """Compute the six maps; write figure-3.2.png and figure-3.2.json into a folder.
+    """Compute the six maps and draw them into figure-3.2.png.
 
-    out_dir : folder, made if absent
-    Returns the result as a mapping: name, seed, commit, machine, rows, targets.
+    out_dir : folder that receives it.  Returns Result, a row for each map.
     """
-    out_dir = Path(out_dir)
-    out_dir.mkdir(parents=True, exist_ok=True)
     scenes = {n: load_scene(config_dir() / 'scenes' / file) for n, file in SCENES.items()}
     bodies = {n: build_body(scene) for n, scene in scenes.items()}
     points = grid()
     maps = [PadMap(n, k, *_map(bodies[n], points, k)) for k in TASKS for n in bodies]
-    draw(maps, points, bodies).savefig(out_dir / f'{NAME}.png', dpi=150)
-    result = Result(NAME, SEED, commit_of(share_dir()), machine_description(),
-                    tuple(_row(m) for m in maps), _targets(maps))
-    return json.loads(result.to_json(out_dir / f'{NAME}.json'))
+    draw(maps, points, bodies).savefig(Path(out_dir) / f'{NAME}.png', dpi=150)
+    return Result(NAME, SEED, commit_of(share_dir()), machine_description(),
+                  tuple(_row(m) for m in maps), _targets(maps))
 
 
 def grid():

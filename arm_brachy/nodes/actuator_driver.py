@@ -37,13 +37,12 @@ class ActuatorDriverNode(Node):
         params = parameters.device_parameters(self, setup.cell.scenario.actuators)
         self._driver = cell.build_actuators(setup.cell, params)
         self._driver.connect()
-        at_start = self.declare_parameter(
+        self._home_due = self.declare_parameter(
             'home_at_start', setup.cell.scenario.actuator_driver == 'simulated',
             ParameterDescriptor(description='go home unasked; hardware waits for ~/home')).value
-        if at_start:
-            self._driver.home()
         self._guarded = graph.SUPERVISOR.name in setup.peers
-        self._permission, self._permission_ns = SafetyState.RUN, 0
+        self._permission = SafetyState.HOLD if self._guarded else SafetyState.RUN
+        self._permission_ns = 0
         self._effort, self._commands, self._refused = None, 0, 0
         ticker = Ticker(self, graph.ACTUATOR_DRIVER, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
@@ -64,6 +63,7 @@ class ActuatorDriverNode(Node):
         for msg in inputs[graph.COMMAND.name]:
             self._on_command(t_ns, msg)
         self._check_permission(t_ns)
+        self._home_at_start()
         state = self._driver.read(t_ns * 1e-9, self._effort)
         self._health.note(t_ns, state.outcome, state.message)
         self._state_pub(convert.joint_state(t_ns, self._frame, self._names, state))
@@ -80,6 +80,11 @@ class ActuatorDriverNode(Node):
         elif msg.state == SafetyState.HOLD:
             self._driver.hold()
 
+    def _home_at_start(self):
+        if self._home_due and self._permission == SafetyState.RUN:
+            self._home_due = False
+            self._driver.home()
+
     def _check_permission(self, t_ns):
         """Silence of the supervisor is a hold, whatever it said last."""
         stale = self._guarded and t_ns - self._permission_ns > SAFETY_PATIENCE_NS
@@ -91,23 +96,32 @@ class ActuatorDriverNode(Node):
 
     def _on_command(self, t_ns, msg):
         self._commands += 1
-        try:
-            self._obey(msg)
-        except CommandRefused as refusal:
-            self._refused += 1
-            self._health.refuse(t_ns, Outcome.REJECTED, str(refusal))
-
-    def _obey(self, msg):
         if msg.mode == ActuatorCommand.MODE_STOP:
             self._driver.stop()
         elif msg.mode == ActuatorCommand.MODE_HOLD:
             self._driver.hold()
         elif self._permission != SafetyState.RUN:
-            raise CommandRefused('actuators: move while the safety state is not RUN; '
-                                 'reset the supervisor first')
+            self._refuse(t_ns, 'actuators: move while the safety state is not RUN; reset the '
+                               'supervisor first')
         else:
-            speed = msg.velocity if len(msg.velocity) else None
-            self._driver.move(cell.in_driver_order(msg.names, msg.position, self._names), speed)
+            self._move(t_ns, msg)
+
+    def _move(self, t_ns, msg):
+        """Move; what the driver itself refuses it says in the outcome of its next state."""
+        speed = msg.velocity if len(msg.velocity) else None
+        try:
+            q = cell.in_driver_order(msg.names, msg.position, self._names)
+        except CommandRefused as refusal:
+            self._refuse(t_ns, str(refusal))
+            return
+        try:
+            self._driver.move(q, speed)
+        except CommandRefused:
+            self._refused += 1
+
+    def _refuse(self, t_ns, message):
+        self._refused += 1
+        self._health.refuse(t_ns, Outcome.REJECTED, message)
 
     def _on_home(self, request, response):
         return self._serve(response, self._driver.home, 'going home')

@@ -9,7 +9,11 @@ import dataclasses
 from dataclasses import dataclass
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
-from rclpy.exceptions import ParameterUninitializedException
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterUninitializedException,
+)
 from rclpy.parameter import Parameter
 
 from arm_brachy import graph
@@ -61,8 +65,8 @@ def node_setup(node):
 
 
 def _names(node, name, default, description):
-    given = node.declare_parameter(name, default, ParameterDescriptor(
-        description=description)).value
+    given = _declare(node, name, default, ParameterDescriptor(description=description),
+                     'a list of node names')
     names = tuple(n for n in given if n)  # ROS has no empty list of strings on a command line
     allowed = [n.name for n in graph.NODES]
     for unknown in (n for n in names if n not in allowed):
@@ -73,15 +77,23 @@ def _names(node, name, default, description):
 
 def text(node, name, default, description):
     """Declare and read a string parameter."""
-    return node.declare_parameter(name, default, ParameterDescriptor(
-        description=description)).value
+    return _declare(node, name, default, ParameterDescriptor(description=description), 'text')
+
+
+def _declare(node, name, default, descriptor, allowed):
+    """Declare, read, and turn ROS's refusal of a value into one line."""
+    try:
+        return node.declare_parameter(name, default, descriptor).value
+    except (InvalidParameterTypeException, InvalidParameterValueException):
+        raise ConfigError(f'{node.get_name()}: parameter {name} was given a value outside what is '
+                          f'allowed: {allowed} ({descriptor.description})') from None
 
 
 def number(node, name, default, description, low, high):
     """Declare and read a floating-point parameter with its range (edge unit in the name)."""
     span = FloatingPointRange(from_value=float(low), to_value=float(high))
-    return node.declare_parameter(name, float(default), ParameterDescriptor(
-        description=description, floating_point_range=[span])).value
+    return _declare(node, name, float(default), ParameterDescriptor(
+        description=description, floating_point_range=[span]), f'{low:g} to {high:g}')
 
 
 def device_parameters(node, params):

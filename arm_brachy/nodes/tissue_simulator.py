@@ -37,12 +37,14 @@ class TissueNode(Node):
         ticker.start()
 
     def _work(self, tick, t_ns, inputs):
-        states = inputs[self._pads_topic.name]
-        if not states:
-            return
-        msg = states[-1]  # wall pace only: a body that fell behind skips to the newest
-        stamp = convert.nanoseconds(msg)
-        reading = self._body.step(stamp * 1e-9, msg.position)
+        stamp, position = t_ns, ()  # a body without pads moves on its own
+        if self._body.pad_names:
+            states = inputs[self._pads_topic.name]
+            if not states:
+                return
+            msg = states[-1]  # wall pace only: a body that fell behind skips to the newest
+            stamp, position = convert.nanoseconds(msg), msg.position
+        reading = self._body.step(stamp * 1e-9, position)
         self._health.note(stamp, reading.outcome)
         self._points_pub(convert.body_points(
             stamp, self._frame, self._body.point_names, reading.points, reading.rotations,

@@ -27,26 +27,30 @@ class AdmmOptions:
     """When to stop, and how hard elements are tied to their nodes.
 
     tolerance : largest out-of-balance component on a free node, as a fraction of the largest on a
-        held one (a reaction); 1e-4 leaves micrometres on a breast
+        held one (a reaction); 2e-5 leaves about 3 um on the breast phantom
     max_iterations : of (3.11)-(3.13);  the thesis runs 800
     check_every : iterations between looks at the true residual, each about as dear as an iteration
     weight : c in w_i^2 = c kappa_i V_i (c = 1 is the usual choice, Overby et al. 2017, sec. 5.2)
-    adapt : double c (Boyd et al. 2011, sec. 3.4.1, multipliers rescaled) whenever `patience`
-        iterations have not brought the residual down by a tenth: plain ADMM falls into
-        two-cycles under large or opposing pushes
+    largest_weight : c is doubled up to this value (Boyd et al. 2011, sec. 3.4.1, multipliers
+        rescaled) when the residual no longer falls: plain ADMM has two-cycles under large or
+        opposing pushes. Equal to `weight` it leaves c alone
+    patience : iterations, times c / weight, without a fall by a tenth that count as standstill
     """
 
-    tolerance: float = 1e-4
+    tolerance: float = 2e-5
     max_iterations: int = 3000
     check_every: int = 10
     weight: float = 1.0
-    adapt: bool = True
+    largest_weight: float = 16.0
     patience: int = 100
 
     def __post_init__(self):
         for name in ('tolerance', 'max_iterations', 'check_every', 'weight', 'patience'):
             if not getattr(self, name) > 0:
                 raise ConfigError(f'admm: {name} = {getattr(self, name)}; must be > 0')
+        if self.largest_weight < self.weight:
+            raise ConfigError(f'admm: largest_weight = {self.largest_weight}; must be at least '
+                              f'weight = {self.weight}')
 
 
 # A residual that has not fallen below this fraction of the last best one counts as no progress.
@@ -219,7 +223,8 @@ class AdmmSolver:
                 continue
             converged = log.add(iteration, x, *self._residual(problem, x), options.tolerance,
                                 self._rest())
-            if options.adapt and not converged and log.stalled(options.patience):
+            patience = options.patience * c / options.weight
+            if not converged and 2.0 * c <= options.largest_weight and log.stalled(patience):
                 c, w2, u = 2.0 * c, 2.0 * w2, 0.5 * u
                 update = _GlobalStep(self, problem, w2)
                 proximal.pulls(G, w2, z, u, parts)
@@ -233,7 +238,7 @@ class AdmmSolver:
         return z, (self.volume / w2)[:, None, None] * stress(z, fields.mu, fields.kappa)
 
     def _reaction(self, problem, x):
-        """Out-of-balance forces (n, 3) [N], inertia included, and whether no element is inverted."""
+        """Out-of-balance forces (n, 3) [N] with inertia, and whether no element is inverted."""
         state = self.assembler.evaluate(x, problem.fields)
         inertia = problem.inertia[:, None] * (x - problem.free_flight)
         return state.forces + inertia, state.min_J > 0.0

@@ -77,6 +77,11 @@ class Pardiso:
         return np.ascontiguousarray(x)
 
     @property
+    def factorised(self):
+        """True if `solve` may be called."""
+        return self._factorised
+
+    @property
     def negative_eigenvalues(self):
         """Number of negative eigenvalues of the last indefinite matrix (Sylvester's law)."""
         return int(self._iparm[22])

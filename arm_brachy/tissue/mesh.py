@@ -228,7 +228,7 @@ def _nearest_on_surface(mesh, points):
 
 def _refuse_far(points, nearest, index, names, standoff):
     gap = np.linalg.norm(points - nearest, axis=1)
-    bad = np.flatnonzero(gap > standoff)
+    bad = np.flatnonzero(gap > standoff * (1.0 + 1e-6))  # a mesh is flat up to rounding only
     if len(bad):
         i = index[bad[0]]
         name = names[i] if names is not None else f'point {i}'

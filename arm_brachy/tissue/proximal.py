@@ -2,7 +2,8 @@
 
 Minimises V Psi(z) + w^2/2 |z - Y|^2 over 3 x 3 matrices z, Psi the Neo-Hookean law (3.18) with
 J = det z. Both terms depend on rotations only through Y's, so the minimiser shares Y's singular
-vectors and three singular values remain to be found (Overby et al., IEEE TVCG 23(10), 2017, sec. 4).
+vectors and three singular values remain to be found (Overby et al., IEEE Trans. Vis. Comput.
+Graph. 23(10), 2017, sec. 4).
 """
 
 import numpy as np
@@ -11,10 +12,11 @@ from numba import njit, prange
 from arm_brachy.tissue.kernels import CHUNK, deformation_gradient
 
 SMALLEST_START = 0.1   # singular value an inverted or flat Y starts from
-STEP_TOLERANCE = 1e-13  # of singular values, which are near 1
+LAST_STEP = 1e-7        # a full Newton step this small squares its error: below rounding after it
 MAX_NEWTON = 60
 MAX_HALVINGS = 40
 MAX_SWEEPS = 30
+VANISHING = 1e-9  # singular value, relative to 1, whose left vector rounding has eaten
 
 
 @njit(cache=True, error_model='numpy')
@@ -82,21 +84,21 @@ def rotation_svd(Y, U, y, V, A):
 
 @njit(cache=True, error_model='numpy')
 def _normalise(U, k):
-    """Make column k a unit vector; a vanishing one becomes any unit vector normal to column 0."""
+    """Make column k a unit vector; a vanishing one becomes some unit vector normal to column 0."""
     length = np.sqrt(U[0, k] ** 2 + U[1, k] ** 2 + U[2, k] ** 2)
-    if length > 1e-150:
+    if not length > VANISHING:
+        if k == 0:
+            U[0, 0], U[1, 0], U[2, 0] = 1.0, 0.0, 0.0
+            return
+        axis = 0
+        for i in range(1, 3):
+            axis = i if abs(U[i, 0]) < abs(U[axis, 0]) else axis
+        along = U[axis, 0]
         for i in range(3):
-            U[i, k] /= length
-        return
+            U[i, 1] = (1.0 if i == axis else 0.0) - along * U[i, 0]
+        length = np.sqrt(1.0 - along * along)
     for i in range(3):
-        U[i, k] = 0.0
-    if k == 0:
-        U[0, 0] = 1.0
-        return
-    axis = np.argmin(np.abs(U[:, 0]))
-    for i in range(3):
-        U[i, 1] = (1.0 if i == axis else 0.0) - U[axis, 0] * U[i, 0]
-    _normalise(U, 1)
+        U[i, k] /= length
 
 
 @njit(cache=True, error_model='numpy')
@@ -170,7 +172,9 @@ def singular_values(y, a_mu, a_kappa, s, g, H, step, trial):
         shift = 0.0
         while not _cholesky_step(H, shift, g, step):
             shift = max(4.0 * shift, 1e-3 * (abs(H[0, 0]) + abs(H[1, 1]) + abs(H[2, 2])))
-        if max(abs(step[0]), abs(step[1]), abs(step[2])) <= STEP_TOLERANCE:
+        if max(abs(step[0]), abs(step[1]), abs(step[2])) <= LAST_STEP:
+            for i in range(3):
+                s[i] += step[i]
             return iteration
         slope = g[0] * step[0] + g[1] * step[1] + g[2] * step[2]
         length = 1.0
@@ -179,7 +183,7 @@ def singular_values(y, a_mu, a_kappa, s, g, H, step, trial):
                 trial[i] = s[i] + length * step[i]
             if min(trial[0], trial[1], trial[2]) > 0.0:
                 new = _objective(trial, y, a_mu, a_kappa)
-                if new <= value + 1e-4 * length * slope + 1e-15 * abs(value):
+                if new <= value + 1e-4 * length * slope:
                     break
             length *= 0.5
         else:

@@ -201,11 +201,11 @@ class _QuasiStatic:
         """
         if before is not None:
             trend = x - before
-            solution = self.statics.solve_held(x + self._progress(x, trend, goal) * trend, goal,
-                                               fields)
+            solution = self.statics.follow(x + self._progress(x, trend, goal) * trend, goal,
+                                           fields)
             if solution.outcome.ok:
                 return solution
-        return self.statics.solve_held(x, goal, fields)
+        return self.statics.follow(x, goal, fields)
 
     def _progress(self, x, trend, goal):
         """How far the held nodes go on along their last motion, in units of it, within [0, 2]."""

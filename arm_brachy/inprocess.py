@@ -1,0 +1,273 @@
+"""The cell in one process, without ROS: the objects of the lockstep graph, in its order.
+
+Within a tick data flow downstream: actuators, tissue, sensors, controller, operator, supervisor.
+Feedback is one tick late, as the table in `graph` says (`NodeSpec.previous`): commands,
+permissions and what pushes back on the pads act in the tick after the one that made them. A
+service that the operator calls (goal, abort, homing) is served within its tick. Scenario and seed
+therefore give the same numbers here as in a recording of the graph.
+
+Left out: pace (there is no clock on the wall), meshes over time, diagnostics, the tissue model's
+own predictions.
+"""
+
+from collections import Counter, defaultdict
+
+import numpy as np
+
+from arm_brachy import cell as cells
+from arm_brachy import provenance
+from arm_brachy.control.goal import Goal, GoalKind
+from arm_brachy.control.safety import Permission, Safety
+from arm_brachy.control.sequencer import Action, Phase, Sequencer
+from arm_brachy.core.errors import CommandRefused, ConfigError
+from arm_brachy.core.outcome import Outcome
+from arm_brachy.devices.actuator import SimulatedBank
+from arm_brachy.devices.em_tracker import ToolStatus
+from arm_brachy.evaluation.timeseries import (
+    EmSamples,
+    NodeOutcome,
+    OpticalFrames,
+    RunData,
+    Series,
+    TaskWindow,
+)
+from arm_brachy.offline import with_scene
+from arm_brachy.scenario import bundle
+
+SENSORS = ('em', 'optical', 'force')
+HOME = 0.2e-3   # a pad whose encoder reads less [m] is at home, as for nodes.operator
+REST = 0.1e-3   # and slower than this [m/s] is at rest
+
+
+def run(cell, *, sensors=('em',), go_home=True):
+    """Run a scenario from the first tick until its last task is over and the pads are home.
+
+    cell : scenario.Cell;  sensors : which of SENSORS take part. Without 'force' nobody watches
+    the force limit, which makes no difference to a run that stays below it.
+    go_home : False ends the run with the last task
+    Returns evaluation.timeseries.RunData. Raises ConfigError for a sensor or driver it cannot run.
+    Test: closed_loop/test_inprocess.py
+    """
+    loop = InProcess(cell, sensors)
+    while not (loop.finished or loop.tasks_over and not go_home):
+        loop.tick()
+    return loop.data()
+
+
+class InProcess:
+    """The cell between two ticks; what a person or a test may do in between acts in the next.
+
+    t : [s] of the last tick;  finished : the last task is over and the pads are home
+    driver, body, tracker, control, safety, sequencer : the parts, as in the graph
+    step : the last ManipulatorStep, None before the first
+    """
+
+    def __init__(self, cell, sensors=('em',)):
+        """cell : scenario.Cell;  sensors : see `run`."""
+        for unknown in set(sensors) - set(SENSORS):
+            raise ConfigError(f'sensor {unknown!r}; must be among {", ".join(SENSORS)}')
+        scenario = cell.scenario
+        self._cell, self._sensors = cell, tuple(sensors)
+        self._pads = tuple(p.name for p in cell.scene.pads)
+        self._directions = cells.pad_directions(cell.plant)
+        self.driver = _simulated_driver(cell)
+        self.body = cells.build_tissue(cell, 'plant')
+        self.tracker = cells.build_em_tracker(cell, scenario.em)
+        self.optical = cells.build_optical_tracker(cell, scenario.optical)
+        self.force = cells.build_force_sensor(cell, scenario.force)
+        self.control = cells.build_controller(cell)
+        self.safety = Safety(scenario.limits.pad_force)
+        self.sequencer = Sequencer(scenario.tasks, scenario.settle)
+        points = {'em': cell.em_tools, 'optical': cells.marker_names(cell), 'force': ()}
+        self._feeds = {name: cells.PointFeed(points[name]) for name in SENSORS}
+        self._permission, self._effort, self._command = Permission.RUN, None, None
+        self._ticks, self.step, self.finished = 0, None, False
+        self._log, self._goal, self._windows = defaultdict(list), None, []
+        self._outcomes, self._last = Counter(), {}
+
+    @property
+    def t(self):
+        """Time of the last tick [s]."""
+        return self._ticks * self._cell.tick_ns * 1e-9
+
+    @property
+    def tasks_over(self):
+        """True once the time of the last task is over."""
+        last = len(self._cell.scenario.tasks) - 1
+        return self.sequencer.index >= last and self.sequencer.phase in (Phase.HOMING,
+                                                                         Phase.FINISHED)
+
+    def tick(self):
+        """Advance the cell by one tick of its clock."""
+        self._ticks += 1
+        self._permission = self.safety.permission
+        state = self._drive()
+        reading = self.body.step(self.t, state.pad)
+        self._note('tissue_simulator', reading.outcome)
+        self._log['points'].append((self.t, reading.points))
+        heard = self._sense_target(reading)
+        self._sense_rest(reading)
+        self._effort = cells.push_back(reading.pad_force, self._directions)
+        self._control(state, heard)
+        self._operate(state)
+
+    def data(self):
+        """What happened so far as RunData; a task that is not over yet is left out."""
+        scenario, origin = self._cell.scenario, provenance.of(self._cell)
+        points = self._series('points')
+        truth = {} if points is None else {
+            name: Series(points.t, points.values[:, i])
+            for i, name in enumerate(self.body.point_names)}
+        found = RunData(
+            name=scenario.name, scenario=bundle(self._cell)['scenario.yaml'], seed=scenario.seed,
+            commit=origin['commit'], machine=origin['machine'], recorded_at=origin['start'],
+            tasks=tuple(self._windows), truth=truth, em=self._em(),
+            encoder=self._series('encoder'), command_position=self._series('command'),
+            pad_displacement=self._series('pads'), force=self._forces(), optical=self._optical(),
+            outcomes=tuple(NodeOutcome(*key, n, self._last[key][1])
+                           for key, n in sorted(self._outcomes.items())))
+        return with_scene(found, self._cell.scene)
+
+    def _drive(self):
+        """Permission, then the command of the tick before, then motion; returns BankState."""
+        if self._permission is Permission.STOP:
+            self.driver.stop()
+        elif self._permission is Permission.HOLD:
+            self.driver.hold()
+        command, self._command = self._command, None
+        if command is not None:
+            self._obey(command)
+        state = self.driver.read(self.t, self._effort)
+        self._note('actuator_driver', state.outcome, state.message)
+        self._log['encoder'].append((self.t, state.q))
+        self._log['pads'].append((self.t, state.pad))
+        return state
+
+    def _obey(self, command):
+        try:
+            if self._permission is not Permission.RUN:
+                raise CommandRefused('actuators: move while the safety state is not RUN')
+            self.driver.move(command)
+        except CommandRefused as refusal:
+            self._count('actuator_driver', Outcome.REJECTED, str(refusal))
+
+    def _sense_target(self, reading):
+        """Let the EM tracker look; returns what it delivered: (tool, t [s], position (3,))."""
+        if 'em' not in self._sensors:
+            return []
+        heard = []
+        for sample in cells.em_samples(self.tracker, self._feeds['em'], reading):
+            t = _stamp(sample)
+            self._log['em', sample.tool].append(
+                (t, (*sample.position, sample.quality, sample.status.value)))
+            if sample.status is ToolStatus.OK:
+                heard.append((sample.tool, t, sample.position))
+        return heard
+
+    def _sense_rest(self, reading):
+        if 'optical' in self._sensors:
+            for frame in cells.optical_samples(self.optical, self._feeds['optical'], reading):
+                self._log['optical'].append((_stamp(frame), frame.points))
+                self._log['visible'].append((_stamp(frame), frame.visible))
+        if 'force' in self._sensors:
+            for sample in cells.force_samples(self.force, self._feeds['force'], reading):
+                self._log['force', sample.pad].append((_stamp(sample), sample.force))
+                self.safety.force(sample.pad, sample.force)
+
+    def _control(self, state, heard):
+        if self._permission is not Permission.RUN:
+            self.control.abort()
+        for tool in self._cell.em_tools:
+            for _, t, position in (h for h in heard if h[0] == tool):
+                self.control.hear(tool, t, position)
+        self.control.feel(state.q)
+        step = self.control.step(self.t)
+        if step is None:
+            return
+        self.step = step
+        self._note('mpc_manipulator', step.outcome, step.message)
+        if self.control.active and np.all(np.isfinite(step.command)):
+            self._command = step.command
+            self._log['command'].append((self.t, step.command))
+
+    def _operate(self, state):
+        at_home = bool(np.all(state.q < HOME) and np.all(np.abs(state.velocity) < REST))
+        action = self.sequencer.step(self.t, at_home)
+        if action is Action.SET_GOAL:
+            self._set_goal(self._cell.scenario.tasks[self.sequencer.index])
+        elif action is Action.RELEASE:
+            self._release()
+        elif action is Action.FINISH:
+            self.finished = True
+
+    def _set_goal(self, task):
+        axes = tuple(a in task.axes for a in 'xyz')
+        try:
+            answer = self.control.pursue(
+                Goal(task.target, task.displacement, GoalKind.DISPLACEMENT, axes))
+        except CommandRefused as refusal:
+            self._count('operator', Outcome.REJECTED, str(refusal))
+            return
+        self._goal = (task, self.t, answer, np.array(axes))
+
+    def _release(self):
+        if self._goal is not None:
+            task, start, answer, axes = self._goal
+            mode = f'{self._cell.scenario.control.loop}_loop'
+            self._windows.append(TaskWindow(task.name, task.target, start, self.t, answer.start,
+                                            answer.reference, axes, mode))
+            self._goal = None
+        self.control.abort()
+        if self._permission is Permission.RUN:
+            self.driver.home()
+
+    def _note(self, source, outcome, message=''):
+        """Count an outcome when it changes, as the nodes publish it."""
+        if (outcome, message) != self._last.get(source, (Outcome.OK, '')):
+            self._last[source] = (outcome, message)
+            self._count(source, outcome, message)
+
+    def _count(self, source, outcome, message):
+        key = (source, outcome.name)
+        self._outcomes[key] += 1
+        self._last[key] = (outcome, message or outcome.advice)
+
+    def _series(self, name):
+        if name not in self._log:
+            return None
+        times, values = zip(*self._log[name], strict=True)
+        return Series(np.array(times), np.array(values))
+
+    def _em(self):
+        found = {tool: self._series(('em', tool)) for tool in self._cell.em_tools}
+        return {tool: EmSamples(s.t, s.values[:, :3], s.values[:, 3], s.values[:, 4].astype(int))
+                for tool, s in found.items() if s is not None}
+
+    def _forces(self):
+        series = [self._series(('force', pad)) for pad in sorted(self._pads)]
+        if not series or series[0] is None:
+            return None
+        return Series(series[0].t, np.stack([s.values for s in series], axis=1))
+
+    def _optical(self):
+        points = self._series('optical')
+        if points is None:
+            return None
+        return OpticalFrames(points.t, cells.marker_names(self._cell), points.values,
+                             self._series('visible').values)
+
+
+def _simulated_driver(cell):
+    """The bank of the scenario, connected and on its way home, as the graph starts it."""
+    driver = cells.build_actuators(cell, cell.scenario.actuators)
+    if not isinstance(driver, SimulatedBank):
+        raise ConfigError(f'{cell.path}: actuator_driver = {cell.scenario.actuator_driver!r} '
+                          'moves hardware; a run in one process needs a simulated driver')
+    driver.connect()
+    driver.home()
+    return driver
+
+
+def _stamp(sample):
+    """Time of acquisition [s] as it comes back from a message: whole nanoseconds."""
+    return round(sample.t * 1e9) * 1e-9

@@ -1,0 +1,118 @@
+"""Runs of the whole graph that several tests look at, and a way to start single nodes."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+SCENARIO = HERE / 'short.yaml'
+COMMAND = Path(sys.prefix) / 'bin' / 'arm-brachy'
+
+
+def arm_brachy(*args, **kwargs):
+    """Run the command to its end; returns the CompletedProcess with text output."""
+    return subprocess.run([str(COMMAND), *map(str, args)], capture_output=True, text=True,
+                          timeout=240, check=False, **kwargs)
+
+
+def processes_of(folder):
+    """Command lines of live processes that name `folder`."""
+    found = []
+    for entry in Path('/proc').iterdir():
+        if not entry.name.isdigit() or int(entry.name) == os.getpid():
+            continue
+        try:
+            line = (entry / 'cmdline').read_bytes().replace(b'\0', b' ').decode()
+            state = (entry / 'stat').read_text().rsplit(')', 1)[1].split()[0]
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if str(folder) in line and state != 'Z':
+            found.append(line)
+    return found
+
+
+@pytest.fixture(scope='session')
+def command():
+    """Path of the command `arm-brachy`."""
+    return COMMAND
+
+
+@pytest.fixture
+def still_alive():
+    """Callable: command lines of live processes that name a folder."""
+    return processes_of
+
+
+@pytest.fixture(scope='session')
+def short_scenario():
+    """Path of the scenario."""
+    return SCENARIO
+
+
+@pytest.fixture(scope='session')
+def quiet_run(tmp_path_factory):
+    """Folder of a finished run, and what the command printed."""
+    folder = tmp_path_factory.mktemp('quiet') / 'run'
+    done = arm_brachy('run', SCENARIO, '--out', folder)
+    assert done.returncode == 0, done.stderr + done.stdout
+    return folder, done.stdout
+
+
+@pytest.fixture(scope='session')
+def loaded_run(tmp_path_factory):
+    """Folder of the same run while every core of the machine is kept busy."""
+    folder = tmp_path_factory.mktemp('loaded') / 'run'
+    burners = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+               for _ in range(os.cpu_count())]
+    try:
+        done = arm_brachy('run', SCENARIO, '--out', folder)
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+    assert done.returncode == 0, done.stderr + done.stdout
+    return folder
+
+
+class LiveNode:
+    """One node as a process of its own."""
+
+    def __init__(self, name, *parameters):
+        args = [sys.executable, '-m', 'arm_brachy.nodes', name, '--ros-args']
+        for parameter in parameters:
+            args += ['-p', parameter]
+        self.process = subprocess.Popen(args, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                                        text=True)
+        self.lines = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        self.lines.extend(iter(self.process.stdout.readline, ''))
+
+    def finish(self, number=signal.SIGINT, timeout=30):
+        """Send a signal, wait; returns the exit status."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        status = self.process.wait(timeout)
+        self._reader.join(5)
+        return status
+
+
+@pytest.fixture
+def start_node(ros_domain_id):
+    """Callable that starts a LiveNode; all are ended with the test."""
+    nodes = []
+
+    def start(name, *parameters):
+        nodes.append(LiveNode(name, *parameters))
+        return nodes[-1]
+
+    yield start
+    for node in nodes:
+        node.finish(signal.SIGKILL)

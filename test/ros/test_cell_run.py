@@ -1,0 +1,108 @@
+"""The whole graph, once: what it records, that nothing is lost, that load changes no bit."""
+
+import subprocess
+
+import numpy as np
+import pytest
+from mcap_ros2.reader import read_ros2_messages
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+
+from arm_brachy import graph
+from arm_brachy.offline import load_run, recorded_cell
+from arm_brachy.recording.reader import BagReader, payload_hashes
+from arm_brachy.scenario import load_cell
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+
+@pytest.fixture(scope='module')
+def bag(quiet_run):
+    return quiet_run[0] / 'bag'
+
+
+def test_every_published_message_is_recorded(bag):
+    run = load_run(bag)
+    counted = [t for t in run.topics if t.published is not None]
+    assert len(counted) > 15
+    assert [(t.topic, len(t.stamps)) for t in counted] == [(t.topic, t.published) for t in counted]
+
+
+def test_the_clock_ticks_without_gap_and_every_node_answers(bag, short_scenario):
+    tick = load_cell(short_scenario).tick_ns
+    with BagReader(bag) as reader:
+        ticks = np.array([r.log_time_ns for r in reader.records(['/clock'])])
+        answered = {n for n in reader.topics() if n.startswith('/cell/done/')}
+        counts = {n: sum(1 for _ in reader.records([n])) for n in answered}
+    assert np.array_equal(ticks, tick * np.arange(1, len(ticks) + 1))
+    wanted = {f'/cell/done/{n}' for n in graph.CELL if n not in ('cell_clock', 'recorder')}
+    assert answered == wanted
+    assert set(counts.values()) == {len(ticks)}
+
+
+def test_two_independent_readers_see_the_same_messages(bag):
+    file = next(bag.glob('*.mcap'))
+    with BagReader(bag) as reader:
+        ours = {n: t.count for n, t in reader.topics().items()}
+    theirs = {}
+    for message in read_ros2_messages(str(file)):
+        theirs[message.channel.topic] = theirs.get(message.channel.topic, 0) + 1
+    assert theirs == ours
+    with AnyReader([bag]) as reader:  # the directory, with metadata.yaml
+        seen = {}
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)
+            seen[connection.topic] = seen.get(connection.topic, 0) + 1
+    assert seen == ours
+    with Reader(file) as reader:      # the bare file
+        assert {n: t.msgcount for n, t in reader.topics.items()} == ours
+
+
+def test_the_bag_holds_the_cell_it_was_made_from(bag, short_scenario, tmp_path):
+    again, original = recorded_cell(bag, tmp_path), load_cell(short_scenario)
+    assert again.scenario.tasks == original.scenario.tasks
+    assert again.plant_terms == original.plant_terms
+    assert again.plant.material == original.plant.material
+    with BagReader(bag) as reader:
+        said = reader.metadata()['arm_brachy']
+    assert said['seed'] == '7'
+    described = subprocess.run(['git', 'describe', '--always', '--dirty'], capture_output=True,
+                               text=True, check=False, cwd=short_scenario.parent)
+    if described.returncode == 0:
+        assert said['commit'].split('-dirty')[0] == described.stdout.strip().split('-dirty')[0]
+
+
+def test_the_target_reaches_its_goal_and_pads_only_push(bag):
+    run = load_run(bag)
+    window, = run.tasks
+    truth = run.truth['target_1'].between(window.t_start, window.t_end)
+    error = np.abs(truth.values[-1] - window.goal)[window.axes]
+    assert error.max() < 0.3e-3
+    moved = np.abs(truth.values[0] - window.goal)[window.axes]
+    assert moved.max() == pytest.approx(2e-3, abs=0.2e-3)
+    command = run.command_position.between(window.t_start, window.t_end)
+    assert (np.diff(command.values, axis=0) >= -1e-9).all()
+
+
+def test_controllers_and_sensors_never_hear_the_truth():
+    """Only the plant's own devices, recorder and evaluation subscribe to truth/..."""
+    allowed = {'actuator_driver', 'tissue_simulator', 'em_tracker', 'optical_tracker',
+               'force_sensor', 'recorder'}
+    for node in graph.NODES:
+        if any(t.name.startswith('truth/') for t in node.subscribes):
+            assert node.name in allowed
+
+
+def test_the_report_is_written_and_no_process_is_left(quiet_run):
+    folder, printed = quiet_run
+    assert (folder / 'report.html').stat().st_size > 10_000
+    assert 'real time' in printed
+    left = subprocess.run(['pgrep', '-f', str(folder)], capture_output=True, text=True,
+                          check=False).stdout
+    assert left == ''
+
+
+def test_load_changes_no_bit_of_what_is_recorded(quiet_run, loaded_run):
+    quiet, loaded = (payload_hashes(r / 'bag') for r in (quiet_run[0], loaded_run))
+    assert quiet == loaded
+    assert len(quiet) > 20

@@ -1,0 +1,203 @@
+"""Scenario files: what they name, what is refused, and that a recorded one is complete."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from arm_brachy.core import config
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.paths import config_dir
+from arm_brachy.core.scene import Scene, load_scene
+from arm_brachy.scenario import Scenario, bundle, load_cell, resolve, unbundle
+
+SCENARIOS = sorted((config_dir() / 'scenarios').glob('*.yaml'))
+SCENES = sorted((config_dir() / 'scenes').glob('*.yaml'))
+BREAST = config_dir() / 'scenes' / 'breast.yaml'
+
+
+def names(paths):
+    return [p.stem for p in paths]
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Writes a scenario, and beside it a scene, changed from working ones; returns its path."""
+    def write(scenario=None, scene=None):
+        body = yaml.safe_load(BREAST.read_text())
+        body['mesh']['file'] = str((BREAST.parent / body['mesh']['file']).resolve())
+        for change in [scene] if scene else []:
+            change(body)
+        (tmp_path / 'scene.yaml').write_text(yaml.safe_dump(body, sort_keys=False))
+        given = {'name': 'trial', 'seed': 3, 'scene': 'scene.yaml', **(scenario or {})}
+        path = tmp_path / 'trial.yaml'
+        path.write_text(yaml.safe_dump(given, sort_keys=False))
+        return path
+    return write
+
+
+def refusal(path):
+    with pytest.raises(ConfigError) as caught:
+        load_cell(path)
+    assert '\n' not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize('path', SCENARIOS, ids=names(SCENARIOS))
+def test_every_scenario_of_the_project_loads(path):
+    cell = load_cell(path)
+    assert cell.scenario.name == path.stem
+    assert Path(cell.plant.mesh.file).is_file() and Path(cell.model.mesh.file).is_file()
+
+
+@pytest.mark.parametrize('path', SCENES, ids=names(SCENES))
+def test_every_scene_of_the_project_loads_and_comes_back(path):
+    scene = load_scene(path)
+    assert scene.name == path.stem
+    assert Path(scene.mesh.file).is_absolute() and Path(scene.mesh.file).is_file()
+    assert config.from_mapping(Scene, config.to_mapping(scene), 'x') == scene
+
+
+@pytest.mark.parametrize('path', SCENARIOS, ids=names(SCENARIOS))
+def test_every_scenario_comes_back_from_its_mapping(path):
+    scenario = config.load(Scenario, path)
+    assert config.from_mapping(Scenario, config.to_mapping(scenario), 'x') == scenario
+
+
+@pytest.mark.parametrize('path', SCENARIOS, ids=names(SCENARIOS))
+def test_a_bundle_unpacked_elsewhere_gives_the_same_cell(path, tmp_path):
+    cell = load_cell(path)
+    copy = load_cell(unbundle(bundle(cell), tmp_path / 'elsewhere'))
+    for side in ('scene', 'plant', 'model'):
+        ours, theirs = getattr(cell, side), getattr(copy, side)
+        assert Path(ours.mesh.file).read_bytes() == Path(theirs.mesh.file).read_bytes()
+        assert Path(theirs.mesh.file).parent == tmp_path / 'elsewhere'
+        assert dataclasses.replace(theirs, mesh=ours.mesh) == ours
+    assert (copy.plant_terms, copy.model_terms) == (cell.plant_terms, cell.model_terms)
+    assert (copy.em_tools, copy.tick_ns) == (cell.em_tools, cell.tick_ns)
+    assert dataclasses.replace(
+        copy.scenario, scene=cell.scenario.scene, plant=cell.scenario.plant,
+        model=cell.scenario.model) == cell.scenario
+
+
+def test_a_bundle_of_a_bundle_is_the_same_bundle(tmp_path):
+    first = bundle(load_cell(SCENARIOS[-1]))
+    assert bundle(load_cell(unbundle(first, tmp_path))) == first
+
+
+def test_a_bundle_without_scenario_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match='give a scenario with --scenario'):
+        unbundle({'columns.yaml': 'x'}, tmp_path / 'new')
+    assert not (tmp_path / 'new').exists()
+
+
+def test_an_overlay_changes_its_side_only(files):
+    cell = load_cell(files({'plant': {'E_kPa': 9, 'terms': [{'name': 'backlash'}]},
+                            'model': {'nu': 0.3}}))
+    assert cell.scene.material.E == cell.model.material.E == 6e3
+    assert cell.plant.material.E == 9e3
+    assert (cell.plant.material.nu, cell.model.material.nu) == (cell.scene.material.nu, 0.3)
+    assert [t.spec.name for t in cell.plant_terms] == ['backlash'] and cell.model_terms == ()
+    assert cell.plant.mesh == cell.model.mesh == cell.scene.mesh
+
+
+def test_an_overlay_names_its_mesh_relative_to_the_scenario(files, tmp_path):
+    mesh = Path(load_scene(BREAST).mesh.file)
+    (tmp_path / 'other.msh').write_bytes(mesh.read_bytes())
+    cell = load_cell(files({'plant': {'mesh': {'file': 'other.msh'}}}))
+    assert cell.plant.mesh.file == str(tmp_path / 'other.msh')
+    assert cell.model.mesh.file == str(mesh)
+
+
+def test_em_tools_are_those_listed_else_those_of_the_tasks_else_all(files):
+    task = {'target': 'target_2', 'axes': ['x'], 'displacement_mm': [1, 0, 0]}
+    assert load_cell(files()).em_tools == tuple(f'target_{i}' for i in range(1, 6))
+    tasks = [{'name': 'a', **task}, {'name': 'b', **task}]
+    assert load_cell(files({'tasks': tasks})).em_tools == ('target_2',)
+    listed = ['target_5', 'target_2']
+    assert load_cell(files({'tasks': tasks, 'em_tools': listed})).em_tools == tuple(listed)
+
+
+def task(**changes):
+    return {'tasks': [{'name': 'a', 'target': 'target_1', 'axes': ['x'],
+                       'displacement_mm': [1, 0, 0], **changes}]}
+
+
+WRONG_SCENARIOS = [
+    ({'scene': 'none.yaml'}, r'none\.yaml: no such file'),
+    ({'scene': '.'}, 'cannot be read: Is a directory'),
+    ({'seed': -1}, r'trial\.yaml:2: seed = -1; must be at least 0'),
+    ({'tick_ms': 16.6666667}, r':4: tick_ms = 16\.6666667; must be a whole number of nanoseconds'),
+    ({'tick_ms': 500}, r':4: tick_ms = 500; must be 1 to 250 ms'),
+    ({'actuators': {'stroke_mm': 25}},
+     r':5: actuators\.stroke_mm = 25; must be at least the 30 mm of pad_1 in scene breast'),
+    ({'actuators': {'stroke_mm': -5}}, r'actuators\.stroke_mm = -5; must be 1 to 1000 mm'),
+    ({'plant': {'terms': [{'name': 'backlsh'}]}}, r"plant\.terms\[0\].*did you mean 'backlash'"),
+    ({'plant': {'terms': [{'name': 'backlash', 'width': 1}]}}, "did you mean 'width_mm'"),
+    ({'plant': {'terms': [{'name': 'backlash', 'width_mm': -1}]}}, 'width_mm = -1.*must be 0 to'),
+    ({'model': {'terms': [{'width_mm': 1}]}}, r'model\.terms\[0\].*must be a mapping with a name'),
+    ({'plant': {'mesh': {'file': 'gone.msh'}}}, r'gone\.msh: no such mesh file; named by the plant'),
+    ({'plant': {'nu': 0.5}}, r'plant\.nu = 0\.5; must be 0 to 0\.4999'),
+    ({'em_tools': ['target_9']}, r':5: em_tools\.0 = .target_9.; must be a target of scene breast'),
+    ({'em_tools': ['target_1', 'target_1']}, 'em_tools.1 = .target_1. is given twice'),
+    (task(target='tumour'), r':6: tasks\.0\.target = .tumour.; must be a target.*target_1'),
+    (task(axes=[]), r'tasks\.0\.axes = \[\]; must be one to three of x, y, z'),
+    (task(axes=['x', 'x']), 'must be one to three of x, y, z, each once'),
+    (task(axes=['w']), r"tasks\.0\.axes\.0 = 'w'; must be 'x', 'y' or 'z'"),
+    (task(duration_s=0), r'tasks\.0\.duration_s = 0; must be 0\.1 to 3600 s'),
+    ({'tasks': task()['tasks'] * 2}, r'tasks\.1\.name = .a. is given twice; names must differ'),
+    ({'pace': 'fast'}, "pace = 'fast'; must be 'lockstep' or 'wall'"),
+]
+
+
+@pytest.mark.parametrize('change,says', WRONG_SCENARIOS, ids=[w[1][:30] for w in WRONG_SCENARIOS])
+def test_a_scenario_that_cannot_run_is_refused(files, change, says):
+    assert re.search(says, refusal(files(change)))
+
+
+def test_a_wrong_term_is_told_by_its_line(files):
+    path = files({'plant': {'terms': [{'name': 'backlash'}, {'name': 'backlash', 'width_mm': -1}]}})
+    line = 1 + path.read_text().splitlines().index('    width_mm: -1')
+    assert f':{line}: ' in refusal(path)
+
+
+def rename(kind, i, name):
+    return lambda scene: scene[kind][i].update(name=name)
+
+
+WRONG_SCENES = [
+    (rename('pads', 1, 'pad_1'), r"scene\.yaml:\d+: pads\.1\.name = 'pad_1' is given twice"),
+    (rename('markers', 3, 'tissue_1'), r"markers\.3\.name = 'tissue_1' is given twice"),
+    (rename('targets', 2, 'target_1'), r"targets\.2\.name = 'target_1' is given twice"),
+    (rename('targets', 0, 'tissue_1'), r"targets\.0\.name = 'tissue_1' is given twice"),
+    (rename('targets', 0, 'my target'), "'my target'; must be letters, digits and _"),
+    (rename('pads', 0, '1st'), "'1st'; must be letters, digits and _, a letter first"),
+    (lambda scene: scene['pads'][2].update(direction=[0, 0, 0]),
+     r'pads\.2\.direction = \[0\.0, 0\.0, 0\.0\]; must not be zero'),
+    (lambda scene: scene['pads'][0].update(stroke_mm=-3), r'pads\.0\.stroke_mm = -3; must be 0 to'),
+    (lambda scene: scene['pads'][0].update(stroke_mm=51),
+     'actuators.stroke_mm = 50; must be at least the 51 mm of pad_1'),
+    (lambda scene: scene['mesh'].update(file='gone.msh'), 'gone.msh: no such mesh file'),
+    (lambda scene: scene.pop('fixed'), "key 'fixed' is missing"),
+    (lambda scene: scene.update(stifness=3), "unknown key 'stifness'"),
+]
+
+
+@pytest.mark.parametrize('change,says', WRONG_SCENES, ids=[w[1][:30] for w in WRONG_SCENES])
+def test_a_scene_that_cannot_serve_is_refused(files, change, says):
+    assert re.search(says, refusal(files(scene=change)))
+
+
+def test_a_marker_may_share_the_name_of_the_pad_that_carries_it():
+    scene = load_scene(BREAST)
+    assert {p.name for p in scene.pads} <= {m.name for m in scene.markers}
+
+
+def test_a_scenario_made_in_python_is_checked_too(tmp_path):
+    path = tmp_path / 'never_written.yaml'
+    with pytest.raises(ConfigError, match=r'never_written\.yaml: seed = -1'):
+        resolve(Scenario('x', -1, str(BREAST)), path)
+    cell = resolve(Scenario('x', 1, str(BREAST)), path)
+    assert cell.tick_ns == round(cell.scenario.tick * 1e9)

@@ -1,0 +1,91 @@
+"""Meshing of closed surfaces: what comes out is sound and reads back."""
+
+import meshio
+import numpy as np
+import pytest
+import trimesh
+
+from arm_brachy.core.errors import MeshError
+from arm_brachy.tissue import meshing
+from arm_brachy.tissue.body import TetMesh
+from arm_brachy.tissue.mesh import boundary_faces, load_mesh
+
+BOX_MM = (30.0, 40.0, 50.0)
+
+
+def box(extents=BOX_MM):
+    return trimesh.creation.box(extents)
+
+
+@pytest.fixture(scope='module')
+def sphere():
+    """A ball of 40 mm radius, its mesh and report."""
+    surface = trimesh.creation.icosphere(subdivisions=3, radius=40.0)
+    return surface, *meshing.mesh_surface(surface, edge_length=0.014)
+
+
+def test_volume_and_boundary_are_the_surfaces(sphere):
+    surface, mesh, report = sphere
+    faces = boundary_faces(mesh)
+    a, b, c = (mesh.nodes[faces[:, i]] for i in range(3))
+    enclosed = np.einsum('ij,ij->', a, np.cross(b, c)) / 6.0  # divergence theorem
+    assert enclosed == pytest.approx(report.volume, rel=1e-12)
+    assert report.volume == pytest.approx(surface.volume * 1e-9, rel=0.02)
+    radii = np.linalg.norm(mesh.nodes[np.unique(faces)], axis=1)
+    # outermost corners of the icosphere lie on the ball, its faces up to 0.6 % inside
+    assert 0.039 < radii.min() and radii.max() < 0.0405
+    assert report.surface_distance < 0.1 * 0.014
+
+
+def test_elements_are_positive_and_well_shaped(sphere):
+    _, mesh, report = sphere
+    corners = mesh.nodes[mesh.tets]
+    assert np.linalg.det(corners[:, 1:] - corners[:, :1]).min() > 0.0
+    assert report.min_quality > 0.1
+    assert np.radians(5.0) < report.min_dihedral < report.max_dihedral < np.radians(175.0)
+
+
+def test_quality_of_known_tetrahedra():
+    regular = TetMesh(np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float),
+                      np.array([[0, 2, 1, 3]]))
+    assert abs(meshing.mean_ratio(regular)[0]) == pytest.approx(1.0, rel=1e-12)
+    assert meshing.dihedral_angles(regular) == pytest.approx(np.full((1, 6), np.arccos(1 / 3)))
+    corner = TetMesh(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]))
+    angles = meshing.dihedral_angles(corner)[0]
+    assert sorted(angles) == pytest.approx([np.arctan(np.sqrt(2))] * 3 + [np.pi / 2] * 3)
+    # 12 (3/6)^(2/3) / (3 * 1 + 3 * 2)
+    assert meshing.mean_ratio(corner)[0] == pytest.approx(12 * 0.5 ** (2 / 3) / 9)
+
+
+def test_sharp_box_is_kept():
+    mesh, report = meshing.mesh_surface(box(), edge_length=0.012)
+    assert np.ptp(mesh.nodes, axis=0) * 1e3 == pytest.approx(BOX_MM, abs=0.2)
+    assert report.volume == pytest.approx(60e-6, rel=5e-3)
+
+
+def test_count_is_reached():
+    mesh, report = meshing.mesh_with_count(box(), tets=2000, tolerance=0.05)
+    assert abs(len(mesh.tets) - 2000) <= 100
+    assert report.n_tets == len(mesh.tets)
+
+
+@pytest.mark.parametrize('name', ['out.msh', 'out.vtu'])
+def test_written_file_reads_back(tmp_path, name):
+    surface = tmp_path / 'box.stl'
+    box().export(surface)
+    rows = meshing.mesh_command(surface, tmp_path / name, edge_length_mm=20.0, unit='mm')
+    mesh = load_mesh(tmp_path / name)
+    assert (len(mesh.nodes), len(mesh.tets)) == (rows['nodes'], rows['tetrahedra'])
+    assert meshio.read(tmp_path / name).cells_dict['tetra'].shape == (rows['tetrahedra'], 4)
+    assert rows['volume_ml'] == pytest.approx(60.0, rel=1e-3)
+
+
+@pytest.mark.parametrize('edge_length', [0.0, -0.01, 1e-4, 1.0, np.nan])
+def test_edge_length_out_of_range_is_refused(edge_length):
+    with pytest.raises(MeshError, match='edge_length'):
+        meshing.mesh_surface(box(), edge_length=edge_length)
+
+
+def test_unknown_output_format_is_refused_before_meshing(tmp_path):
+    with pytest.raises(MeshError, match=r'cannot write \.doc'):
+        meshing.mesh_command(tmp_path / 'absent.stl', tmp_path / 'out.doc', edge_length_mm=5.0)
