@@ -1,26 +1,32 @@
 """What `arm-brachy evaluate` does with a bag: numbers, tables, pages."""
 
 import tempfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.paths import share_dir
+from arm_brachy.evaluation import regimes
 from arm_brachy.evaluation.assess import assess, to_result
 from arm_brachy.evaluation.report import write_report
 from arm_brachy.evaluation.residual_report import to_result as residual_result
 from arm_brachy.evaluation.residual_report import write_residual_report
 from arm_brachy.evaluation.result import commit_of, machine_description
 from arm_brachy.evaluation.timeseries import ResidualData
-from arm_brachy.offline import load_run, model_points, recorded_cell, with_scene
+from arm_brachy.offline import load_run, recorded_cell, recorded_prediction, with_scene
+from arm_brachy.recording.rigid import fit_rigid
+
+MM = 1e3
 
 
 def evaluate_bag(bag, folder, *, command=''):
     """Evaluate a recording; which pages are written depends on what it holds.
 
-    bag : path;  folder : receives report.html, report_optical.html, report_em.html, result.json
+    bag : path;  folder : receives report.html where there were tasks, and where a model ran
+        report_optical.html, report_em.html, report_force.html; beside each page its numbers
+        as JSON
     Returns (results, pages): evaluation.result.Result each, paths of the pages.
     Raises RecordingError if there is nothing to evaluate.
     """
@@ -28,13 +34,13 @@ def evaluate_bag(bag, folder, *, command=''):
     with tempfile.TemporaryDirectory() as scratch:
         cell = recorded_cell(bag, scratch)
         run = replace(with_scene(load_run(bag), cell.scene), command=command)
-        predicted = model_points(bag)
+        predicted = recorded_prediction(bag)
     results, pages = [], []
     if run.tasks or predicted is None:
         numbers = assess(run)
         results.append(to_result(run, numbers))
         pages.append(write_report(run, numbers, folder / 'report.html'))
-    for stream, data in _residuals(run, cell, predicted):
+    for stream, data in comparisons(run, cell, predicted).items():
         results.append(residual_result(data))
         pages.append(write_residual_report(data, folder / f'report_{stream}.html'))
     if not results:
@@ -45,33 +51,122 @@ def evaluate_bag(bag, folder, *, command=''):
     return results, pages
 
 
-def _residuals(run, cell, predicted):
-    """Yield (stream name, ResidualData) for every stream of points that the model predicts too."""
+@dataclass(frozen=True)
+class _Stream:
+    """One kind of measurement: t (n,) [s], k names, values (n, k, 3), NaN where missing."""
+
+    title: str
+    t: np.ndarray
+    names: tuple
+    values: np.ndarray
+    kind: str = 'position'
+
+
+def comparisons(run, cell, predicted):
+    """Set every stream of a recording beside what a model says of it.
+
+    run : RunData, `with_scene`;  cell : scenario.Cell;  predicted : offline.Prediction or None
+    Returns stream name ('optical', 'em', 'force') -> ResidualData. Predictions are interpolated
+    linearly to the times of measurement. Where encoders tell when the body was unloaded, markers
+    and EM sensors are registered to the model over the stretches of rest before the first load:
+    a rigid fit for three points or more, a shift for fewer. Nothing else is fitted.
+    """
     if predicted is None:
-        return
-    names, tt, points = predicted
-    about = f'{run.name} against scene {cell.scene.name} on mesh {Path(cell.model.mesh.file).name}'
-    if run.optical is not None:
-        seen = np.where(run.optical.visible[..., None], run.optical.points, np.nan)
-        yield 'optical', _paired(run, cell, names, tt, points, run.optical.ids, run.optical.t,
-                                 seen, f'Optical markers of {about}')
-    for tool, samples in run.em.items():
-        series = samples.tracked()
-        if tool in names and len(series):
-            yield f'em_{tool}', _paired(run, cell, names, tt, points, (tool,), series.t,
-                                        series.values[:, None], f'EM sensor {tool} of {about}')
+        return {}
+    streams = {'optical': _optical(run), 'em': _em(run), 'force': _force(run)}
+    return {name: data for name, stream in streams.items() if stream is not None
+            for data in [_paired(run, cell, predicted, stream)] if data is not None}
 
 
-def _paired(run, cell, names, tt, points, wanted, t, measured, statement):
-    """Pair measured points (n, k, 3) at t with predictions, interpolated linearly in time."""
-    kept = [i for i, n in enumerate(wanted) if n in names]
-    index = [names.index(wanted[i]) for i in kept]
-    flat = points[:, index].reshape(len(tt), -1)
-    predicted = np.stack([np.interp(t, tt, c, left=np.nan, right=np.nan) for c in flat.T], axis=1)
+def _optical(run):
+    if run.optical is None:
+        return None
+    seen = np.where(run.optical.visible[..., None], run.optical.points, np.nan)
+    return _Stream('Optical markers', run.optical.t, run.optical.ids, seen)
+
+
+def _em(run):
+    """All tools on one time axis."""
+    tracked = {tool: samples.tracked() for tool, samples in run.em.items()}
+    tracked = {tool: series for tool, series in tracked.items() if len(series)}
+    if not tracked:
+        return None
+    t = np.unique(np.concatenate([series.t for series in tracked.values()]))
+    values = np.full((len(t), len(tracked), 3), np.nan)
+    for i, series in enumerate(tracked.values()):
+        values[np.searchsorted(t, series.t), i] = series.values
+    return _Stream('EM sensors', t, tuple(tracked), values)
+
+
+def _force(run):
+    if run.force is None or not run.force_pads:
+        return None
+    return _Stream('Pad forces', run.force.t, run.force_pads, run.force.values, 'force')
+
+
+def _paired(run, cell, predicted, stream):
+    names, values = ((predicted.pads, predicted.force) if stream.kind == 'force' else
+                     (predicted.names, predicted.points))
+    kept = [i for i, name in enumerate(stream.names) if name in names]
+    if not kept:
+        return None
+    used = tuple(stream.names[i] for i in kept)
+    model = _at(stream.t, predicted.t, values[:, [names.index(name) for name in used]])
+    measured, left, moved = stream.values[:, kept], None, ''
+    marked = _regimes(run, cell, stream.t, measured)
+    if stream.kind == 'position' and run.pads and run.encoder is not None:
+        measured, left, moved = _registered(stream.t, measured, model, marked)
     rest = {m.name: m.position for m in (*cell.scene.markers, *cell.scene.targets)}
-    used = tuple(wanted[i] for i in kept)
+    where = Path(cell.model.mesh.file).name
+    statement = (f'{stream.title} of {run.name} against scene {cell.scene.name}, mesh {where}, '
+                 f'E = {cell.model.material.E * 1e-3:g} kPa, nu = {cell.model.material.nu:g}. '
+                 f'{moved}No parameter was fitted.')
     return ResidualData(
-        run.name, t, used, measured[:, kept], predicted.reshape(len(t), len(kept), 3),
-        np.array([rest[n] for n in used]), statement=statement, scenario=run.scenario,
-        seed=cell.scenario.seed, commit=commit_of(share_dir()),
-        machine=str(machine_description()), command=run.command)
+        run.name, stream.t, used, measured, model,
+        np.array([rest.get(name, (0.0, 0.0, 0.0)) for name in used]), statement=statement,
+        scenario=run.scenario, seed=cell.scenario.seed, commit=commit_of(share_dir()),
+        machine=str(machine_description()), command=run.command, registration=left,
+        regimes=marked, tissue=predicted.tissue, kind=stream.kind)
+
+
+def _at(t, tt, values):
+    """Values (m, k, 3) at tt, interpolated to t; NaN outside."""
+    flat = values.reshape(len(tt), -1).T
+    columns = [np.interp(t, tt, column, left=np.nan, right=np.nan) for column in flat]
+    return np.stack(columns, axis=1).reshape(len(t), *values.shape[1:])
+
+
+def _regimes(run, cell, t, measured):
+    if cell.scenario.release is not None:
+        return regimes.release_regimes(t, measured, cell.scenario.release)
+    if run.encoder is not None and run.encoder.values.shape[1]:
+        return regimes.pad_regimes(run.encoder)
+    return ()
+
+
+def _registered(t, measured, model, marked):
+    """Register at first rest: (n, k, 3) moved, what is left per point (k,) [m], in words.
+
+    Unchanged, None and '' if the recording does not begin at rest or nothing was seen there.
+    """
+    first = marked[0] if marked and marked[0].name == regimes.REST else None
+    rows = np.zeros(len(t), dtype=bool) if first is None else (t < first.t_end)
+    seen = np.isfinite(measured[rows] + model[rows]).all(axis=2)
+    if not seen.any():
+        return measured, None, ''
+    known = seen.any(axis=0)
+    at = [np.array([x[rows][seen[:, k], k].mean(axis=0) for k in np.flatnonzero(known)])
+          for x in (measured, model)]
+    left = np.full(measured.shape[1], np.nan)
+    if known.sum() >= 3:
+        fit = fit_rigid(*at)
+        moved, left[known] = fit.apply(measured), fit.residual
+        angle = np.degrees(np.arccos(np.clip((np.trace(fit.R) - 1.0) / 2.0, -1.0, 1.0)))
+        turn = f', turned by {angle:.2f} deg'
+    else:
+        shift = (at[1] - at[0]).mean(axis=0)
+        moved, turn = measured + shift, ''
+        left[known] = np.linalg.norm(at[0] + shift - at[1], axis=1)
+    shifted = np.nanmax(np.linalg.norm((moved - measured)[rows], axis=2)) * MM
+    return moved, left, (f'Registered over the first {first.t_end - first.t_start:.1f} s of rest: '
+                         f'points moved by up to {shifted:.2f} mm{turn}. ')

@@ -11,6 +11,7 @@ own predictions.
 """
 
 from collections import Counter, defaultdict
+from contextlib import suppress
 
 import numpy as np
 
@@ -80,10 +81,11 @@ class InProcess:
         self.sequencer = Sequencer(scenario.tasks, scenario.settle)
         points = {'em': cell.em_tools, 'optical': cells.marker_names(cell), 'force': ()}
         self._feeds = {name: cells.PointFeed(points[name]) for name in SENSORS}
-        self._permission, self._effort, self._command = Permission.RUN, None, None
+        self._permission, self._home_due = Permission.HOLD, True
+        self._effort, self._command = None, None
         self._ticks, self.step, self.finished = 0, None, False
         self._log, self._goal, self._windows = defaultdict(list), None, []
-        self._outcomes, self._last = Counter(), {}
+        self._outcomes, self._now, self._said = Counter(), {}, {}
 
     @property
     def t(self):
@@ -99,8 +101,9 @@ class InProcess:
 
     def tick(self):
         """Advance the cell by one tick of its clock."""
+        if self._ticks > 0:
+            self._hear_supervisor()
         self._ticks += 1
-        self._permission = self.safety.permission
         state = self._drive()
         reading = self.body.step(self.t, state.pad)
         self._note('tissue_simulator', reading.outcome)
@@ -108,7 +111,7 @@ class InProcess:
         heard = self._sense_target(reading)
         self._sense_rest(reading)
         self._effort = cells.push_back(reading.pad_force, self._directions)
-        self._control(state, heard)
+        self._steer(state, heard)
         self._operate(state)
 
     def data(self):
@@ -124,19 +127,30 @@ class InProcess:
             tasks=tuple(self._windows), truth=truth, em=self._em(),
             encoder=self._series('encoder'), command_position=self._series('command'),
             pad_displacement=self._series('pads'), force=self._forces(), optical=self._optical(),
-            outcomes=tuple(NodeOutcome(*key, n, self._last[key][1])
+            force_pads=tuple(sorted(self._pads)) if 'force' in self._sensors else (),
+            outcomes=tuple(NodeOutcome(*key, n, self._said[key])
                            for key, n in sorted(self._outcomes.items())))
         return with_scene(found, self._cell.scene)
 
-    def _drive(self):
-        """Permission, then the command of the tick before, then motion; returns BankState."""
+    def _hear_supervisor(self):
+        """What it said at the end of the tick before; until it has spoken nothing moves."""
+        self._permission = self.safety.permission
+        if self._permission is Permission.RUN:
+            return
+        self.control.abort()
         if self._permission is Permission.STOP:
             self.driver.stop()
-        elif self._permission is Permission.HOLD:
+        else:
             self.driver.hold()
+
+    def _drive(self):
+        """The command of the tick before, then motion; returns BankState."""
         command, self._command = self._command, None
         if command is not None:
             self._obey(command)
+        if self._home_due and self._permission is Permission.RUN:
+            self._home_due = False
+            self.driver.home()
         state = self.driver.read(self.t, self._effort)
         self._note('actuator_driver', state.outcome, state.message)
         self._log['encoder'].append((self.t, state.q))
@@ -144,12 +158,13 @@ class InProcess:
         return state
 
     def _obey(self, command):
-        try:
-            if self._permission is not Permission.RUN:
-                raise CommandRefused('actuators: move while the safety state is not RUN')
+        if self._permission is not Permission.RUN:
+            self._count('actuator_driver', Outcome.REJECTED,
+                        'actuators: move while the safety state is not RUN; reset the supervisor')
+            return
+        # What the bank refuses it says in its next state.
+        with suppress(CommandRefused):
             self.driver.move(command)
-        except CommandRefused as refusal:
-            self._count('actuator_driver', Outcome.REJECTED, str(refusal))
 
     def _sense_target(self, reading):
         """Let the EM tracker look; returns what it delivered: (tool, t [s], position (3,))."""
@@ -174,9 +189,7 @@ class InProcess:
                 self._log['force', sample.pad].append((_stamp(sample), sample.force))
                 self.safety.force(sample.pad, sample.force)
 
-    def _control(self, state, heard):
-        if self._permission is not Permission.RUN:
-            self.control.abort()
+    def _steer(self, state, heard):
         for tool in self._cell.em_tools:
             for _, t, position in (h for h in heard if h[0] == tool):
                 self.control.hear(tool, t, position)
@@ -223,14 +236,13 @@ class InProcess:
 
     def _note(self, source, outcome, message=''):
         """Count an outcome when it changes, as the nodes publish it."""
-        if (outcome, message) != self._last.get(source, (Outcome.OK, '')):
-            self._last[source] = (outcome, message)
+        if (outcome, message) != self._now.get(source, (Outcome.OK, '')):
+            self._now[source] = (outcome, message)
             self._count(source, outcome, message)
 
     def _count(self, source, outcome, message):
-        key = (source, outcome.name)
-        self._outcomes[key] += 1
-        self._last[key] = (outcome, message or outcome.advice)
+        self._outcomes[source, outcome.name] += 1
+        self._said[source, outcome.name] = message or outcome.advice
 
     def _series(self, name):
         if name not in self._log:
@@ -258,13 +270,12 @@ class InProcess:
 
 
 def _simulated_driver(cell):
-    """The bank of the scenario, connected and on its way home, as the graph starts it."""
+    """The bank of the scenario, connected."""
     driver = cells.build_actuators(cell, cell.scenario.actuators)
     if not isinstance(driver, SimulatedBank):
         raise ConfigError(f'{cell.path}: actuator_driver = {cell.scenario.actuator_driver!r} '
                           'moves hardware; a run in one process needs a simulated driver')
     driver.connect()
-    driver.home()
     return driver
 
 

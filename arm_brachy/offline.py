@@ -1,7 +1,7 @@
 """From a bag to numbers, without ROS: run data, the model's predictions, the reports."""
 
 from collections import Counter, defaultdict
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -173,13 +173,15 @@ def load_run(bag):
         origin = reader.metadata().get(PROVENANCE, {})
         kinds = {name: topic.type for name, topic in reader.topics().items()}
         files = reader.attachments()
+    force_pads, force = _forces(tally)
     return RunData(
         name=origin.get('name', str(bag)), scenario=files.get('scenario.yaml', b'').decode(),
         seed=int(origin.get('seed', 0)), commit=origin.get('commit', 'unknown'),
         machine=origin.get('machine', 'unknown'), recorded_at=origin.get('start', ''),
         tasks=_windows(tally), truth=_truth(tally), em=_em(tally),
         encoder=tally.get('encoder'), command_position=tally.get('command'),
-        pad_displacement=tally.get('pads'), force=_forces(tally), optical=_optical(tally),
+        pad_displacement=tally.get('pads'), force=force, force_pads=force_pads,
+        optical=_optical(tally),
         tissue=_tissue(tally), topics=_topics(tally, kinds), outcomes=_outcomes(tally))
 
 
@@ -221,12 +223,16 @@ def _em(tally):
 
 
 def _forces(tally):
-    pads = sorted(k for k in tally.series if isinstance(k, tuple) and k[0] == 'force')
-    if not pads:
-        return None
-    series = [tally.get(k) for k in pads]
-    n = min(len(s) for s in series)
-    return Series(series[0].t[:n], np.stack([s.values[:n] for s in series], axis=1))
+    """Names of the pads and their forces on one time axis, NaN where a pad's is missing."""
+    keys = sorted(k for k in tally.series if isinstance(k, tuple) and k[0] == 'force')
+    if not keys:
+        return (), None
+    series = [tally.get(k) for k in keys]
+    t = np.unique(np.concatenate([s.t for s in series]))
+    values = np.full((len(t), len(series), 3), np.nan)
+    for i, one in enumerate(series):
+        values[np.searchsorted(t, one.t), i] = one.values
+    return tuple(name for _, name in keys), Series(t, values)
 
 
 def _optical(tally):
@@ -257,20 +263,51 @@ def _outcomes(tally):
 
 
 def with_scene(run, scene):
-    """Add to RunData what only the scene knows: where pads and markers sit at rest."""
+    """Add to RunData what only the scene knows: where pads and markers sit, the pads' order."""
     directions = cells.pad_directions(scene)
     pads = tuple(PadMark(p.name, np.array(p.centre), d)
                  for p, d in zip(scene.pads, directions, strict=True))
-    return replace(run, pads=pads,
+    order = [p.name for p in pads if p.name in run.force_pads]
+    force = run.force
+    if run.force_pads:
+        index = [run.force_pads.index(name) for name in order]
+        force = Series(force.t, force.values[:, index])
+    return replace(run, pads=pads, force=force, force_pads=tuple(order),
                    markers={m.name: np.array(m.position) for m in scene.markers})
 
 
-def predict(cell, times, encoder=None):
-    """What the model says at every tick that brings news.
+def ticks(cell, t_end):
+    """Times (n,) [s] at which a replay of a recording that ends at t_end [s] asks the model."""
+    count = int(np.ceil(round(t_end * 1e9) / cell.tick_ns))
+    return np.arange(1, count + 1) * cell.tick_ns * 1e-9
 
-    cell : scenario.Cell;  times : (n,) [s] ticks, increasing
-    encoder : Series of (k, p) [m] with the times of its samples; None for a body without pads
-    Returns a list of cell.Reading. The node tissue_model computes the same, bit for bit.
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a model says of a recording.
+
+    t : (n,) [s];  names : k markers and targets;  points : (n, k, 3) [m]
+    pads : p names;  force : (n, p, 3) [N] of the tissue on each pad
+    tissue : Tissue, the body at the scenario's mesh rate
+    failed : steps that the model could not solve and held its last good state instead; None where
+        that is not known
+    """
+
+    t: np.ndarray
+    names: tuple
+    points: np.ndarray
+    pads: tuple
+    force: np.ndarray
+    tissue: Tissue | None = None
+    failed: int | None = None
+
+
+def predict(cell, t_end, encoder=None):
+    """What the model says at every tick that brings news, up to t_end [s].
+
+    cell : scenario.Cell
+    encoder : Series of (n, p) [m] with the times of its samples; None for a body without pads
+    Returns Prediction. The node tissue_model, replayed, computes the same, bit for bit.
     Raises RecordingError if the numbers of actuators differ.
     """
     body = cells.build_tissue(cell, 'model')
@@ -281,7 +318,17 @@ def predict(cell, times, encoder=None):
     if p and encoder.values.shape[1] != p:
         raise RecordingError(f'the recording has {encoder.values.shape[1]} actuators, scene '
                              f'{cell.scene.name} {p} pads; give the scene it was made with')
-    return list(_readings(body, np.asarray(times), encoder if p else None))
+    readings = list(_readings(body, ticks(cell, t_end), encoder if p else None))
+    if not readings:
+        raise RecordingError(f'the recording ends at {t_end:g} s, before the model was asked once; '
+                             f'tick_ms is {cell.tick_ns * 1e-6:g}')
+    shown = readings[::max(1, round(1.0 / (cell.scenario.mesh_rate * cell.scenario.tick)))]
+    tissue = Tissue(np.array([r.t for r in shown]), np.stack([r.x for r in shown]),
+                    body.mesh.nodes, body.mesh.tets)
+    return Prediction(np.array([r.t for r in readings]), body.point_names,
+                      np.stack([r.points for r in readings]), body.pad_names,
+                      np.stack([r.pad_force for r in readings]), tissue,
+                      sum(not r.outcome.ok for r in readings))
 
 
 def _readings(body, times, encoder):
@@ -296,17 +343,18 @@ def _readings(body, times, encoder):
             yield body.step(encoder.t[due[-1]], encoder.values[due[-1]])
 
 
-def model_points(bag):
-    """What a model said while the bag was recorded.
-
-    Returns (names, t (n,) [s], points (n, k, 3) [m]), or None if no model ran.
-    """
-    topic = '/' + graph.MODEL_POINTS.name
+def recorded_prediction(bag):
+    """What a model said while the bag (path) was recorded, as Prediction; None if none ran."""
+    wanted = ((graph.MODEL_POINTS, _on_points), (graph.MODEL_TOPOLOGY, _on_topology),
+              (graph.MODEL_POSITIONS, _on_positions))
+    handlers = {'/' + topic.name: handle for topic, handle in wanted}
     with BagReader(bag) as reader:
-        if topic not in reader.topics():
+        present = [name for name in handlers if name in reader.topics()]
+        if '/' + graph.MODEL_POINTS.name not in present:
             return None
         tally = _Tally()
-        for _, msg in reader.messages([topic]):
-            _on_points(tally, topic, stamp_ns(msg) * 1e-9, msg)
-    series = tally.get(('model', 'points'))
-    return tally.points, series.t, series.values
+        for record, msg in reader.messages(present):
+            handlers[record.topic](tally, record.topic, stamp_ns(msg) * 1e-9, msg)
+    points, force = tally.get(('model', 'points')), tally.get(('model', 'force'))
+    return Prediction(points.t, tally.points, points.values, tally.pads,
+                      force.values.reshape(len(points), -1, 3), _tissue(tally))

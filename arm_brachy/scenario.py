@@ -191,8 +191,8 @@ def _check_scene(scene, place):
     _refuse_twice(place, {**_names(scene, 'markers'), **_names(scene, 'targets')})
     for keys, name in {**_names(scene, 'pads'), **_names(scene, 'targets')}.items():
         if not ROS_NAME.fullmatch(name):
-            raise ConfigError(f'{place(*keys)} = {name!r}; must be letters, digits and _, a letter '
-                              'first: it becomes part of a topic')
+            raise ConfigError(f'{place(*keys)} = {name!r}; must be letters, digits and _, a '
+                              'letter first: it becomes part of a topic')
     for i, pad in enumerate(scene.pads):
         if not any(pad.direction):
             raise ConfigError(f"{place('pads', i, 'direction')} = {list(pad.direction)}; must not "
@@ -281,8 +281,8 @@ def unbundle(files, folder):
     Raises ConfigError if there is no scenario among them.
     """
     if 'scenario.yaml' not in files:
-        raise ConfigError(f'got {", ".join(files) or "no files"}; a recorded cell holds '
-                          'scenario.yaml: give a scenario with --scenario')
+        raise ConfigError('holds no scenario, as a recorded cell does; give one: '
+                          'arm-brachy replay BAG --scenario FILE')
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for name, data in files.items():

@@ -88,7 +88,7 @@ def test_a_bundle_of_a_bundle_is_the_same_bundle(tmp_path):
 
 
 def test_a_bundle_without_scenario_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match='give a scenario with --scenario'):
+    with pytest.raises(ConfigError, match='arm-brachy replay BAG --scenario FILE'):
         unbundle({'columns.yaml': 'x'}, tmp_path / 'new')
     assert not (tmp_path / 'new').exists()
 
@@ -136,11 +136,11 @@ WRONG_SCENARIOS = [
     ({'actuators': {'stroke_mm': -5}}, r'actuators\.stroke_mm = -5; must be 1 to 1000 mm'),
     ({'plant': {'terms': [{'name': 'backlsh'}]}}, r"plant\.terms\[0\].*did you mean 'backlash'"),
     ({'plant': {'terms': [{'name': 'backlash', 'width': 1}]}}, "did you mean 'width_mm'"),
-    ({'plant': {'terms': [{'name': 'backlash', 'width_mm': -1}]}}, 'width_mm = -1.*must be 0 to'),
-    ({'model': {'terms': [{'width_mm': 1}]}}, r'model\.terms\[0\].*must be a mapping with a name'),
-    ({'plant': {'mesh': {'file': 'gone.msh'}}}, r'gone\.msh: no such mesh file; named by the plant'),
+    ({'plant': {'terms': [{'name': 'backlash', 'width_mm': -1}]}}, 'width_mm = -1; must be 0'),
+    ({'model': {'terms': [{'width_mm': 1}]}}, r'model\.terms\[0\].*mapping with a name'),
+    ({'plant': {'mesh': {'file': 'gone.msh'}}}, r'gone\.msh: no such mesh file.*plant of'),
     ({'plant': {'nu': 0.5}}, r'plant\.nu = 0\.5; must be 0 to 0\.4999'),
-    ({'em_tools': ['target_9']}, r':5: em_tools\.0 = .target_9.; must be a target of scene breast'),
+    ({'em_tools': ['target_9']}, r':5: em_tools\.0 = .target_9.; must be a target of'),
     ({'em_tools': ['target_1', 'target_1']}, 'em_tools.1 = .target_1. is given twice'),
     (task(target='tumour'), r':6: tasks\.0\.target = .tumour.; must be a target.*target_1'),
     (task(axes=[]), r'tasks\.0\.axes = \[\]; must be one to three of x, y, z'),
@@ -158,7 +158,8 @@ def test_a_scenario_that_cannot_run_is_refused(files, change, says):
 
 
 def test_a_wrong_term_is_told_by_its_line(files):
-    path = files({'plant': {'terms': [{'name': 'backlash'}, {'name': 'backlash', 'width_mm': -1}]}})
+    terms = [{'name': 'backlash'}, {'name': 'backlash', 'width_mm': -1}]
+    path = files({'plant': {'terms': terms}})
     line = 1 + path.read_text().splitlines().index('    width_mm: -1')
     assert f':{line}: ' in refusal(path)
 
@@ -176,7 +177,7 @@ WRONG_SCENES = [
     (rename('pads', 0, '1st'), "'1st'; must be letters, digits and _, a letter first"),
     (lambda scene: scene['pads'][2].update(direction=[0, 0, 0]),
      r'pads\.2\.direction = \[0\.0, 0\.0, 0\.0\]; must not be zero'),
-    (lambda scene: scene['pads'][0].update(stroke_mm=-3), r'pads\.0\.stroke_mm = -3; must be 0 to'),
+    (lambda scene: scene['pads'][0].update(stroke_mm=-3), r'pads\.0\.stroke_mm = -3; must be 0'),
     (lambda scene: scene['pads'][0].update(stroke_mm=51),
      'actuators.stroke_mm = 50; must be at least the 51 mm of pad_1'),
     (lambda scene: scene['mesh'].update(file='gone.msh'), 'gone.msh: no such mesh file'),

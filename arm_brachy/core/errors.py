@@ -34,3 +34,9 @@ class CommandRefused(InputError):
 
 class NotConverged(ArmBrachyError):
     """A solver stopped short of its tolerance; the state it had is not passed on."""
+
+
+class Interrupted(ArmBrachyError):
+    """A person ended the work; what was done until then is kept."""
+
+    exit_status = 130  # 128 + SIGINT, as shells have it

@@ -1,5 +1,6 @@
 """The one JSON form of every result: what, with which seed, commit and machine."""
 
+import itertools
 import json
 import math
 import os
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.table import Table
 
 # written next to the package by the build, so that an installed copy knows where it came from
@@ -63,19 +65,18 @@ class Result:
         return text
 
     def table(self, console):
-        """Print rows and targets on a rich Console."""
-        columns = list(dict.fromkeys(key for row in self.rows for key in row))
-        body = Table(title=self.name, title_justify='left')
-        for name in columns:
-            numeric = any(_is_number(row.get(name)) for row in self.rows)
-            body.add_column(name, justify='right' if numeric else 'left')
-        for row in self.rows:
-            body.add_row(*[escape(cell_text(row.get(name))) for name in columns])
-        console.print(body)
+        """Print rows and targets on a rich Console; rows with other columns get their own table."""
+        for columns, rows in itertools.groupby(self.rows, key=tuple):
+            self._print_whole(console, _row_table(self.name, columns, list(rows)))
         if self.targets:
-            console.print(self._target_table())
+            self._print_whole(console, self._target_table())
         console.print(f'seed {self.seed}   commit {self.commit}   {self.machine}',
                       highlight=False, markup=False)
+
+    def _print_whole(self, console, table):
+        """A cut number is worse than a wrapped line: tables are as wide as they need to be."""
+        needed = Measurement.get(console, console.options.update(max_width=10_000), table).maximum
+        console.print(table, width=max(needed, console.width), crop=False, no_wrap=True)
 
     def _target_table(self):
         table = Table(title='targets', title_justify='left')
@@ -86,6 +87,16 @@ class Result:
             table.add_row(escape(goal.name), cell_text(goal.value), goal.unit, goal.goal,
                           f'[{colour}]{cell_text(goal.met)}[/{colour}]')
         return table
+
+
+def _row_table(title, columns, rows):
+    body = Table(title=title, title_justify='left')
+    for name in columns:
+        numeric = any(_is_number(row.get(name)) for row in rows)
+        body.add_column(name, justify='right' if numeric else 'left')
+    for row in rows:
+        body.add_row(*[escape(cell_text(row.get(name))) for name in columns])
+    return body
 
 
 def cell_text(value):

@@ -7,7 +7,7 @@ counterpart here are listed in the report, not dropped in silence.
 import dataclasses
 import os
 import typing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -19,6 +19,7 @@ from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, Region, 
 from arm_brachy.recording.csv_map import ColumnMap, CsvFile, Encoders, Forces, Optical, Tools
 
 Vector = tuple[float, float, float]
+SEED = 1  # a replay draws no random numbers; scenarios always state one
 
 
 @dataclass(frozen=True)
@@ -81,13 +82,22 @@ class TheirForces:
     """sign : in words, what acts on what."""
 
     sign: str
+    rate_hz: float = 100.0
+
+
+@dataclass(frozen=True)
+class TheirEncoders:
+    """rate_hz : samples per second."""
+
+    rate_hz: float = 100.0
 
 
 @dataclass(frozen=True)
 class TheirSensors:
-    """Of the sensors only the sign of the forces is needed to read their files."""
+    """Of the sensors only the sign of the forces and the rates are needed to read their files."""
 
     forces: TheirForces
+    encoders: TheirEncoders = field(default_factory=TheirEncoders)
 
 
 @dataclass(frozen=True)
@@ -141,7 +151,17 @@ def import_scene(path, out_dir, *, name=None):
     for recording in theirs.recordings:
         maps[recording.name] = str(out_dir / f'{name}_{recording.name}.columns.yaml')
         _write(Path(maps[recording.name]), _columns(theirs, path, base, name, recording))
-    return {'scene': str(scene_file), 'maps': maps, 'unused': unused}
+    scenario_file = out_dir / f'{name}.scenario.yaml'
+    _dump(scenario_file, _scenario(theirs, name, scene_file.name))
+    return {'scene': str(scene_file), 'scenario': str(scenario_file), 'maps': maps,
+            'unused': unused}
+
+
+def _scenario(theirs, name, scene_file):
+    """The least that a replay needs, ticking with their fastest encoder or force stream."""
+    rate = max(theirs.sensors.encoders.rate_hz, theirs.sensors.forces.rate_hz)
+    return {'name': name, 'description': f'recordings of {name}, to replay', 'seed': SEED,
+            'scene': scene_file, 'tick_ms': round(1e3 / rate, 6)}
 
 
 def _scene(theirs, base, name):
@@ -213,7 +233,11 @@ def _dataclass_in(hint):
 
 
 def _write(path, obj):
+    _dump(path, config.to_mapping(obj))
+
+
+def _dump(path, mapping):
     yaml = YAML()
     yaml.width = 99
     with path.open('w', encoding='utf-8') as stream:
-        yaml.dump(config.to_mapping(obj), stream)
+        yaml.dump(mapping, stream)

@@ -19,7 +19,7 @@ from arm_brachy.tissue.mesh_check import check_mesh
 
 # The centre of a 4 mm facial marker (thesis ch. 4) is 2 mm off the skin; the rest allows for its
 # foot and for the difference between the skin and the flat faces of a coarse mesh.
-STANDOFF = 6e-3  # m
+STANDOFF = 8e-3  # m
 # Barycentric coordinates this far below zero are rounding, not outside.
 INSIDE = -1e-9
 

@@ -6,6 +6,8 @@ entropy, so two calls give two meshes of equal quality and slightly different co
 issue fTetWild#72): a mesh file, once written, is an input to be kept, not a product to be remade.
 """
 
+import contextlib
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,7 +84,8 @@ def mesh_surface(source, *, edge_length, unit='mm', envelope=0.03):
         tight one brings small elements wherever the surface is strongly curved
     Returns (TetMesh in metres and positively oriented, MeshReport). Counts vary by about 1 % and
     corner positions by the envelope from call to call (see the module's docstring).
-    Raises MeshError for a bad surface or edge length, or if the mesher gives up.
+    Raises MeshError for a bad surface or edge length, or if the mesher gives up. The process's
+    working directory changes during the call: not for use beside other threads.
     """
     surface, repairs = read_surface(source, unit=unit)
     _check_edge_length(surface, edge_length)
@@ -188,10 +191,13 @@ def _first_guess(surface, n_tets):
 def _mesh(surface, edge_length, envelope, repairs):
     diagonal = np.linalg.norm(surface.extents)
     try:
-        nodes, tets = pytetwild.tetrahedralize(
-            np.ascontiguousarray(surface.vertices), np.ascontiguousarray(surface.faces, np.int32),
-            edge_length_abs=float(edge_length), epsilon=float(envelope * edge_length / diagonal),
-            num_threads=1, quiet=True)
+        # The mesher leaves a file of its own in the working directory, so it gets one to itself.
+        with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+            nodes, tets = pytetwild.tetrahedralize(
+                np.ascontiguousarray(surface.vertices),
+                np.ascontiguousarray(surface.faces, np.int32),
+                edge_length_abs=float(edge_length),
+                epsilon=float(envelope * edge_length / diagonal), num_threads=1, quiet=True)
     except RuntimeError as error:
         raise MeshError(f'the mesher gave up: {error}; try another edge length') from None
     if len(tets) == 0:

@@ -57,6 +57,12 @@ def test_quality_of_known_tetrahedra():
     assert meshing.mean_ratio(corner)[0] == pytest.approx(12 * 0.5 ** (2 / 3) / 9)
 
 
+def test_nothing_is_left_in_the_working_directory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    meshing.mesh_surface(box(), edge_length=0.02)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_sharp_box_is_kept():
     mesh, report = meshing.mesh_surface(box(), edge_length=0.012)
     assert np.ptp(mesh.nodes, axis=0) * 1e3 == pytest.approx(BOX_MM, abs=0.2)

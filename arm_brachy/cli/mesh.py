@@ -1,0 +1,34 @@
+"""`arm-brachy mesh`: a surface to a mesh that a scene can name."""
+
+from pathlib import Path
+
+import click
+
+from arm_brachy.cli.output import json_option, show, summary, working
+from arm_brachy.core.errors import InputError
+from arm_brachy.tissue.meshing import mesh_command
+
+
+@click.command()
+@click.argument('surface', type=click.Path())
+@click.argument('output', type=click.Path())
+@click.option('--edge-length-mm', required=True, type=float, help='Edge length wished for.')
+@click.option('--unit', default='mm', type=click.Choice(['mm', 'm']), show_default=True,
+              help='Of the surface file; the mesh is in m.')
+@json_option
+def mesh(surface, output, edge_length_mm, unit, json_file):
+    """Fill a closed SURFACE with tetrahedra.
+
+    SURFACE is an STL, OBJ, PLY or OFF file, OUTPUT a file that meshio writes (.msh, .vtu, ...).
+    A second call gives another mesh of equal quality, so a mesh is never overwritten.
+
+    \b
+    Example:
+      arm-brachy mesh config/scenes/breast/breast.stl breast.msh \\
+        --edge-length-mm 12 --unit m
+    """
+    if Path(output).exists():
+        raise InputError(f'{output}: exists; name another file')
+    with working(f'meshing {surface}'):
+        figures = mesh_command(surface, output, edge_length_mm=edge_length_mm, unit=unit)
+    show(summary('mesh', [figures]), json_file)

@@ -1,0 +1,99 @@
+"""What the commands share: where results go, how they are shown, progress on long work."""
+
+import shutil
+from contextlib import ExitStack, contextmanager
+from datetime import datetime
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from arm_brachy.core.errors import ArmBrachyError, InputError
+from arm_brachy.core.paths import run_dir, share_dir
+from arm_brachy.evaluation.result import Result, cell_text, commit_of, machine_description
+
+console = Console(soft_wrap=True)
+errors = Console(stderr=True, soft_wrap=True)
+
+
+def _json_path(ctx, param, value):
+    """Refuse a place that cannot be written before the work, not after it."""
+    if value is None:
+        return None
+    path = Path(value)
+    if path.is_dir():
+        raise click.BadParameter(f'{path} is a folder; name a file.')
+    if not path.parent.is_dir():
+        raise click.BadParameter(f'{path.parent}: no such folder; make it first.')
+    return path
+
+
+json_option = click.option('--json', 'json_file', type=click.Path(), callback=_json_path,
+                           metavar='FILE', help='Also write the result here, as JSON.')
+
+
+def fresh(folder):
+    """Refuse a folder that holds something, since nothing is ever overwritten; returns Path."""
+    folder = Path(folder)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f'{folder}: exists and is not empty; name another folder with --out')
+    return folder
+
+
+def result_folder(out, name):
+    """The folder of a run: `out` if given, else runs/<name>-<time>; new or empty, not made here.
+
+    Raises InputError if it holds something.
+    """
+    stamp = datetime.now().strftime('%Y%m%d-%H%M%S')
+    return fresh(out or run_dir() / f'{name}-{stamp}')
+
+
+@contextmanager
+def new_folder(out):
+    """Make a folder for the work inside; if that fails, what it wrote is removed again.
+
+    Yields its Path. Raises InputError if it holds something or cannot be made.
+    """
+    folder = fresh(out)
+    with ExitStack() as undo:
+        undo.callback(shutil.rmtree, folder, ignore_errors=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f'{folder}: cannot be made: {error.strerror}; name another folder '
+                             'with --out') from None
+        yield folder
+        undo.pop_all()
+
+
+def working(text):
+    """Context: a line on the terminal that shows that something is going on."""
+    return errors.status(text)
+
+
+def summary(name, rows, *, seed=0):
+    """A Result of work on files: rows as flat dicts, with commit and machine of this call."""
+    return Result(name, seed, commit_of(share_dir()), machine_description(), tuple(rows))
+
+
+def show(result, json_file=None):
+    """Print a Result, one row as lines and several as a table; write it to `json_file` if given.
+
+    Raises ArmBrachyError (exit status 1) naming the targets that were missed.
+    """
+    if len(result.rows) == 1 and not result.targets:
+        width = max(map(len, result.rows[0]))
+        for key, value in result.rows[0].items():
+            console.print(f'{key:<{width}}  {cell_text(value)}', markup=False, highlight=False)
+    else:
+        result.table(console)
+    if json_file:
+        result.to_json(json_file)
+
+
+def refuse_missed(results):
+    """Raise ArmBrachyError (exit status 1) naming the targets that any Result missed."""
+    missed = [t.name for one in results for t in one.targets if t.met is False]
+    if missed:
+        raise ArmBrachyError('goals missed: ' + '; '.join(missed))

@@ -1,0 +1,165 @@
+"""`arm-brachy run`, `replay`, `evaluate`: from a scenario or a bag to a report."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from arm_brachy import cell as cells
+from arm_brachy import evaluate as evaluation
+from arm_brachy import graph, launcher
+from arm_brachy.cli.output import (
+    console,
+    errors,
+    json_option,
+    new_folder,
+    refuse_missed,
+    result_folder,
+    working,
+)
+from arm_brachy.core.errors import ArmBrachyError, Interrupted
+from arm_brachy.offline import recorded_cell
+from arm_brachy.recording.reader import BagReader
+from arm_brachy.scenario import load_cell
+
+REPLAYABLE = tuple(n.name for n in graph.NODES
+                   if n not in (graph.CELL_CLOCK, graph.RECORDER, graph.OPERATOR))
+
+out_option = click.option('--out', type=click.Path(), metavar='FOLDER',
+                          help='Of the result; new or empty. Default: runs/<name>-<time>.')
+
+
+@click.command()
+@click.argument('scenario', type=click.Path())
+@out_option
+@click.option('--speed-limit', default=0.0, type=click.FloatRange(0.0), metavar='FACTOR',
+              help='Simulated seconds per second; default: as fast as possible.')
+@json_option
+def run(scenario, out, speed_limit, json_file):
+    """Start the graph of a SCENARIO, record it, evaluate it.
+
+    \b
+    Example:
+      arm-brachy run config/scenarios/target_1.yaml --out runs/target_1
+    """
+    cell = load_cell(scenario)
+    folder = result_folder(out, cell.scenario.name)
+    with working('reading the scene'):
+        _build(cell, 'plant', 'model')
+        cells.build_actuators(cell, cell.scenario.actuators)
+    processes = launcher.cell_processes(cell, cell.path, folder / 'bag', speed_limit=speed_limit)
+    leader = 'cell_clock' if cell.scenario.pace == 'lockstep' else 'operator'
+    said = _launch(processes, leader, folder, cell.scenario.name)
+    if 'factor' in said:
+        console.print(f"simulated {said['t']:.1f} s at {said['factor']:.2f} x real time")
+    _evaluate(folder / 'bag', folder, json_file, command=f'arm-brachy run {scenario}')
+
+
+@click.command()
+@click.argument('bag', type=click.Path())
+@click.option('--scenario', type=click.Path(), metavar='FILE',
+              help='Default: the one recorded in the bag.')
+@click.option('--node', 'nodes', multiple=True, default=('tissue_model',), show_default=True,
+              type=click.Choice(REPLAYABLE), metavar='NAME',
+              help=f'Node to run live; may be given several times: {", ".join(REPLAYABLE)}.')
+@out_option
+@json_option
+def replay(bag, scenario, nodes, out, json_file):
+    """Feed a recording back to live nodes and evaluate what they say.
+
+    The default node predicts from the recorded encoders what trackers and force sensors should
+    have seen; the report shows what it misses.
+
+    \b
+    Example:
+      arm-brachy replay runs/target_1/bag --out runs/target_1_replayed
+    """
+    with BagReader(bag) as reader:
+        source = reader.path.resolve()
+    with new_folder(result_folder(out, f'replay-{source.stem}')) as folder:
+        cell = recorded_cell(bag, folder / 'cell') if scenario is None else load_cell(scenario)
+        with working('reading the scene'):
+            _build(cell, 'model')
+    processes = launcher.replay_processes(cell, cell.path, source, nodes, folder / 'bag')
+    _launch(processes, 'replayer', folder, f'replay of {source.stem}')
+    _evaluate(folder / 'bag', folder, json_file, command=f'arm-brachy replay {bag}')
+
+
+@click.command()
+@click.argument('bag', type=click.Path())
+@click.option('--out', type=click.Path(), metavar='FOLDER',
+              help='Of the report; new or empty. Default: beside the bag, where the report of an '
+                   'earlier evaluation is replaced.')
+@json_option
+def evaluate(bag, out, json_file):
+    """Metrics of a recording as a table, as JSON and as an HTML report.
+
+    \b
+    Example:
+      arm-brachy evaluate runs/target_1/bag --json runs/target_1.json
+    """
+    command = f'arm-brachy evaluate {bag}'
+    if out is None:
+        _evaluate(Path(bag), Path(bag).resolve().parent, json_file, command)
+        return
+    with new_folder(out) as folder:
+        results, pages = _report(bag, folder, command)
+    _show(bag, results, pages, json_file)
+
+
+def _build(cell, *sides):
+    """Build the bodies that the nodes will build, so that what is wrong is told before a start."""
+    for side in sides:
+        cells.build_tissue(cell, side)
+
+
+def _launch(processes, leader, folder, label):
+    """Run processes under a progress line; returns the leader's last words."""
+    said = {}
+    with Progress(SpinnerColumn(), TextColumn('{task.description}'), BarColumn(pulse_style='blue'),
+                  TimeElapsedColumn(), console=errors, transient=True) as bar:
+        task = bar.add_task(f'{label}: starting {len(processes)} nodes', total=None)
+
+        def show(name, values):
+            if name != leader:
+                return
+            said.update(values)
+            if 't' in values:
+                speed = f", {values['factor']:.1f} x real time" if 'factor' in values else ''
+                what = f" {values['task']}" if values.get('task') else ''
+                bar.update(task, description=f"{label}:{what} t = {values['t']:.1f} s{speed}")
+
+        done = launcher.Launcher(processes, leader, folder / 'logs', show).run()
+    if not done:
+        raise Interrupted(f'interrupted; what was recorded until then is in {folder}/bag')
+    return said
+
+
+def _evaluate(bag, folder, json_file, command):
+    results, pages = _report(bag, folder, command)
+    _show(bag, results, pages, json_file)
+
+
+def _report(bag, folder, command):
+    with working(f'evaluating {bag}'):
+        return evaluation.evaluate_bag(bag, folder, command=command)
+
+
+def _show(bag, results, pages, json_file):
+    for one in results:
+        one.table(console)
+    if json_file:
+        _merged(results).to_json(json_file)
+    console.print(f'bag     {bag}')
+    for page in pages:
+        console.print(f'report  {page}')
+    refuse_missed(results)
+
+
+def _merged(results):
+    """One Result that holds the rows of all, each with the table it stood in."""
+    if len(results) == 1:
+        return results[0]
+    rows = tuple({'table': one.name, **row} for one in results for row in one.rows)
+    return replace(results[0], rows=rows, targets=tuple(t for one in results for t in one.targets))

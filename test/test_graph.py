@@ -1,0 +1,126 @@
+"""The table of nodes: whoever listens has a speaker to wait for, and nobody waits in a circle."""
+
+import re
+
+import pytest
+
+from arm_brachy import graph
+
+NAMES = [n.name for n in graph.NODES]
+each_node = pytest.mark.parametrize('node', graph.NODES, ids=NAMES)
+
+
+def test_names_are_unique():
+    assert len(set(NAMES)) == len(NAMES)
+    topics = [t.name for t in graph.TOPICS]
+    assert len(set(topics)) == len(topics)
+
+
+@each_node
+def test_a_node_waits_for_every_writer_of_what_it_hears(node):
+    """Else it would take its count from a node whose answers it does not receive."""
+    waited_for = {*node.same, *node.previous}
+    for topic in node.subscribes:
+        writers = set(graph.writers(topic.name, NAMES)) - {node.name, graph.CELL_CLOCK.name}
+        if topic is not graph.CLOCK and node is not graph.CELL_CLOCK:
+            assert writers <= waited_for, topic.name
+
+
+@each_node
+def test_what_a_node_hears_is_said_by_somebody(node):
+    for topic in node.subscribes:
+        assert set(graph.writers(topic.name, NAMES)) - {node.name}, topic.name
+
+
+@each_node
+def test_a_node_waits_for_others_that_exist_and_in_one_way_only(node):
+    assert {*node.same, *node.previous} <= set(NAMES) - {node.name}
+    assert not set(node.same) & set(node.previous)
+    assert len(set(node.same)) == len(node.same)
+    assert len(set(node.previous)) == len(node.previous)
+
+
+@each_node
+def test_one_delay_per_topic(node):
+    """A topic's writers are all in `same` or all in `previous`: its count is of one tick."""
+    for topic in node.subscribes:
+        writers = set(graph.writers(topic.name, NAMES)) & {*node.same, *node.previous}
+        if node is not graph.RECORDER:
+            assert writers <= set(node.same) or writers <= set(node.previous), topic.name
+
+
+def test_nobody_waits_in_a_circle_within_a_tick():
+    waits = {n.name: set(n.same) for n in graph.NODES}
+    while ready := {name for name, others in waits.items() if not others}:
+        waits = {name: others - ready for name, others in waits.items() if name not in ready}
+    assert not waits, f'on or behind a circle: {sorted(waits)}'
+
+
+def test_every_topic_is_in_the_list_and_has_a_writer():
+    said = {t.name for n in graph.NODES for t in n.publishes}
+    assert said | {graph.TICK_DONE.name} == {t.name for t in graph.TOPICS}
+
+
+def test_truth_reaches_devices_and_recorder_only():
+    """No estimator, controller or operator may know what a real cell could not tell it."""
+    allowed = {graph.ACTUATOR_DRIVER, graph.TISSUE_SIMULATOR, graph.EM_TRACKER,
+               graph.OPTICAL_TRACKER, graph.FORCE_SENSOR, graph.RECORDER}
+    listeners = {n for n in graph.NODES if any(t.name.startswith('truth/') for t in n.subscribes)}
+    assert listeners <= allowed
+    writers = {n for n in graph.NODES if any(t.name.startswith('truth/') for t in n.publishes)}
+    assert writers == {graph.ACTUATOR_DRIVER, graph.TISSUE_SIMULATOR}
+
+
+def test_the_recorder_waits_for_everybody_who_speaks():
+    assert set(graph.RECORDER.same) == set(NAMES) - {'recorder', 'cell_clock'}
+
+
+def test_a_template_matches_its_instances_and_nothing_else():
+    pose = graph.EM_POSE
+    assert pose.at(tool='target_1').name == 'em/target_1/pose'
+    assert pose.matches('em/target_1/pose') and pose.matches(pose.name)
+    assert not pose.matches('em/a/b/pose') and not pose.matches('em/target_1/status')
+    assert not pose.matches('xem/target_1/pose')
+    assert graph.writers('em/target_1/pose', NAMES) == ('em_tracker',)
+
+
+def test_an_instance_keeps_what_its_topic_asks_for():
+    one, topic = graph.WRENCH.at(pad='pad_1'), graph.WRENCH
+    assert (one.type, one.text, one.depth, one.reliable, one.latched) \
+        == (topic.type, topic.text, topic.depth, topic.reliable, topic.latched)
+
+
+def test_instances_fill_in_every_tool_and_pad():
+    names = [t.name for t in graph.instances(('a', 'b'), ('p',))]
+    assert not [n for n in names if '{' in n]
+    assert len(set(names)) == len(names) == len(graph.RECORDER.subscribes) + 2
+    assert {'em/a/pose', 'em/b/pose', 'em/a/status', 'em/b/status', 'force/p/wrench'} <= set(names)
+
+
+def test_a_cell_without_tools_and_pads_has_none_of_their_topics():
+    assert not [t for t in graph.instances((), ()) if t.name.startswith(('em/', 'force/'))]
+
+
+def test_readers_and_waiters_count_the_peers_that_take_part():
+    assert graph.readers('actuators/command', NAMES) == 2  # driver and recorder
+    assert graph.readers('actuators/command', ['recorder']) == 1
+    assert graph.waiters('supervisor', ['cell_clock', 'actuator_driver', 'em_tracker']) == 2
+
+
+def test_an_unknown_node_is_a_bug():
+    with pytest.raises(KeyError):
+        graph.node('tissue')
+    assert graph.node('recorder') is graph.RECORDER
+
+
+def test_the_full_cell_leaves_out_what_only_a_replay_runs():
+    assert set(NAMES) - set(graph.CELL) == {'tissue_model'}
+
+
+def test_the_table_has_a_row_for_every_node_and_names_every_topic():
+    lines = graph.documentation_table().splitlines()
+    cells = [re.split(r'(?<!\\)\|', line) for line in lines]
+    assert len({len(row) for row in cells}) == 1
+    assert [row[1].strip() for row in cells[2:]] == NAMES
+    unmentioned = {t.name for t in graph.TOPICS} - set(re.findall(r'`([^`]+)`', '\n'.join(lines)))
+    assert unmentioned == {graph.TICK_DONE.name, graph.OUTCOME.name, graph.DIAGNOSTICS.name}
