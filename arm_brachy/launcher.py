@@ -21,6 +21,7 @@ from pathlib import Path
 
 from arm_brachy import graph
 from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.core.paths import config_dir
 
 PR_SET_PDEATHSIG = 1       # linux/prctl.h
 DOMAINS = range(10, 100)   # ROS_DOMAIN_ID; up to 101 is safe on Linux whatever the port range
@@ -37,12 +38,16 @@ class NodeProcess:
 
     def argv(self):
         """Command line; the module form works in a source tree and in an installation."""
-        args = [sys.executable, '-m', 'arm_brachy.nodes', self.name]
-        if self.parameters:
-            args.append('--ros-args')
+        args = [sys.executable, '-m', 'arm_brachy.nodes', self.name, '--ros-args',
+                '--params-file', str(ros_parameters())]
         for key, value in self.parameters.items():
             args += ['-p', f'{key}:={_ros_text(value)}']
         return args
+
+
+def ros_parameters():
+    """File of the ROS parameters that all nodes share."""
+    return config_dir() / 'ros.yaml'
 
 
 def _ros_text(value):

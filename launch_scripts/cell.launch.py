@@ -11,7 +11,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from arm_brachy.core.paths import config_dir
-from arm_brachy.launcher import cell_processes
+from arm_brachy.launcher import cell_processes, ros_parameters
 from arm_brachy.scenario import load_cell
 
 
@@ -19,7 +19,7 @@ def _nodes(context):
     scenario = LaunchConfiguration('scenario').perform(context)
     bag = LaunchConfiguration('bag').perform(context)
     nodes = [Node(package='arm_brachy', executable=p.name, name=p.name, output='log',
-                  parameters=[p.parameters])
+                  parameters=[str(ros_parameters()), p.parameters])
              for p in cell_processes(load_cell(scenario), scenario, bag)]
     ends = [RegisterEventHandler(OnProcessExit(target_action=n,
                                                on_exit=[EmitEvent(event=Shutdown())]))

@@ -25,7 +25,7 @@ def mesh(surface, output, edge_length_mm, unit, json_file):
     \b
     Example:
       arm-brachy mesh config/scenes/breast/breast.stl breast.msh \\
-        --edge-length-mm 12 --unit m
+        --edge-length-mm 12
     """
     if Path(output).exists():
         raise InputError(f'{output}: exists; name another file')

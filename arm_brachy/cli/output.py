@@ -1,7 +1,9 @@
 """What the commands share: where results go, how they are shown, progress on long work."""
 
 import shutil
-from contextlib import ExitStack, contextmanager
+import sys
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -12,7 +14,10 @@ from arm_brachy.core.errors import ArmBrachyError, InputError
 from arm_brachy.core.paths import run_dir, share_dir
 from arm_brachy.evaluation.result import Result, cell_text, commit_of, machine_description
 
-console = Console(soft_wrap=True)
+# A file or a pipe has no width; a table in it is never cut.
+PIPE_WIDTH = 1000
+
+console = Console(soft_wrap=True, width=None if sys.stdout.isatty() else PIPE_WIDTH)
 errors = Console(stderr=True, soft_wrap=True)
 
 
@@ -57,7 +62,7 @@ def new_folder(out):
     """
     folder = fresh(out)
     with ExitStack() as undo:
-        undo.callback(shutil.rmtree, folder, ignore_errors=True)
+        undo.callback(_remove, folder, [p for p in folder.parents if not p.exists()])
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -65,6 +70,13 @@ def new_folder(out):
                              'with --out') from None
         yield folder
         undo.pop_all()
+
+
+def _remove(folder, made):
+    shutil.rmtree(folder, ignore_errors=True)
+    for parent in made:
+        with suppress(OSError):  # another run may have put something there by now
+            parent.rmdir()
 
 
 def working(text):
@@ -87,9 +99,26 @@ def show(result, json_file=None):
         for key, value in result.rows[0].items():
             console.print(f'{key:<{width}}  {cell_text(value)}', markup=False, highlight=False)
     else:
-        result.table(console)
+        show_table(result)
     if json_file:
         result.to_json(json_file)
+
+
+def show_table(result):
+    """Print rows and targets of a Result as tables; the rows as columns where that is narrower."""
+    columns = list(dict.fromkeys(key for row in result.rows for key in row))
+    (replace(result, rows=_turned(result.rows, columns)) if len(columns) > len(result.rows) + 1
+     else result).table(console)
+
+
+def _turned(rows, columns):
+    """One row per column, headed by the entries of the first."""
+    head, *others = columns
+    names = [cell_text(row.get(head)) for row in rows]
+    if len(set(names)) < len(names):
+        names = [f'{name} ({i + 1})' for i, name in enumerate(names)]
+    return tuple({head: key} | {name: row.get(key) for name, row in zip(names, rows, strict=True)}
+                 for key in others)
 
 
 def refuse_missed(results):

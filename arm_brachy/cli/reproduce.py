@@ -2,7 +2,15 @@
 
 import click
 
-from arm_brachy.cli.output import console, json_option, new_folder, refuse_missed, result_folder
+from arm_brachy.cli.output import (
+    console,
+    json_option,
+    new_folder,
+    refuse_missed,
+    result_folder,
+    show_table,
+    working,
+)
 from arm_brachy.experiments import EXPERIMENTS
 
 
@@ -18,9 +26,9 @@ def reproduce(name, out, json_file):
     Example:
       arm-brachy reproduce table-3.1 --out runs/table-3.1
     """
-    with new_folder(result_folder(out, name)) as folder:
+    with new_folder(result_folder(out, name)) as folder, working(f'computing {name}'):
         result = EXPERIMENTS[name](folder)
-    result.table(console)
+    show_table(result)
     result.to_json(folder / f'{name}.json')
     if json_file:
         result.to_json(json_file)

@@ -1,5 +1,6 @@
 """`arm-brachy run`, `replay`, `evaluate`: from a scenario or a bag to a report."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +17,10 @@ from arm_brachy.cli.output import (
     new_folder,
     refuse_missed,
     result_folder,
+    show_table,
     working,
 )
-from arm_brachy.core.errors import ArmBrachyError, Interrupted
+from arm_brachy.core.errors import InputError, Interrupted
 from arm_brachy.offline import recorded_cell
 from arm_brachy.recording.reader import BagReader
 from arm_brachy.scenario import load_cell
@@ -44,8 +46,8 @@ def run(scenario, out, speed_limit, json_file):
       arm-brachy run config/scenarios/target_1.yaml --out runs/target_1
     """
     cell = load_cell(scenario)
-    folder = result_folder(out, cell.scenario.name)
-    with working('reading the scene'):
+    with new_folder(result_folder(out, cell.scenario.name)) as folder, \
+            working('reading the scene'):
         _build(cell, 'plant', 'model')
         cells.build_actuators(cell, cell.scenario.actuators)
     processes = launcher.cell_processes(cell, cell.path, folder / 'bag', speed_limit=speed_limit)
@@ -101,7 +103,10 @@ def evaluate(bag, out, json_file):
     """
     command = f'arm-brachy evaluate {bag}'
     if out is None:
-        _evaluate(Path(bag), Path(bag).resolve().parent, json_file, command)
+        folder = Path(bag).resolve().parent
+        if folder.is_dir() and not os.access(folder, os.W_OK):
+            raise InputError(f'{folder}: cannot be written to; name another folder with --out')
+        _evaluate(Path(bag), folder, json_file, command)
         return
     with new_folder(out) as folder:
         results, pages = _report(bag, folder, command)
@@ -148,7 +153,7 @@ def _report(bag, folder, command):
 
 def _show(bag, results, pages, json_file):
     for one in results:
-        one.table(console)
+        show_table(one)
     if json_file:
         _merged(results).to_json(json_file)
     console.print(f'bag     {bag}')

@@ -5,7 +5,7 @@ import numpy as np
 from arm_brachy.evaluation.style import BAND, INK, OURS, SERIES, Plate, new_figure, styled
 
 COLUMNS = 3
-SHADES = ('#f9f5ec', '#e8eef3', '#eef6ec', '#f6ecf1', '#efefef')
+SHADES = ('#f6f1dd', '#dde9f3', '#e2f1dc', '#f5e0ea', '#e6e6e6')
 FEW = 6  # up to so many stretches each is named in the panel, beyond that in the caption only
 
 
@@ -49,8 +49,9 @@ def residual_axes(data, r, words):
 
 
 def _panels(data):
-    columns = min(COLUMNS, len(data.names))
-    rows = -(-len(data.names) // columns)
+    count = len(data.names)
+    columns = 2 if count == 4 else min(COLUMNS, count)
+    rows = -(-count // columns)
     figure = new_figure(9.5, 0.9 + 1.7 * rows)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     axes = grid.ravel()

@@ -9,6 +9,7 @@ from arm_brachy.evaluation.regimes import RINGING, SETTLED, inside
 from arm_brachy.evaluation.ringing import Ringing, ringing
 
 MM = 1e3
+REGIME = 'free vibration'
 VISIBLE = 10.0  # a marker rings if its largest departure exceeds this many noise floors
 
 
@@ -24,7 +25,7 @@ class Pair:
 
     def row(self):
         """The pair as a row of a result, units in the keys."""
-        row = {'marker': self.marker, 'regime': 'free vibration'}
+        row = {'marker': self.marker, 'regime': REGIME}
         for name, one, sag in (('measured', self.measured, self.sag_measured),
                                ('model', self.predicted, self.sag_predicted)):
             row |= {f'frequency_{name}_Hz': one.frequency, f'damping_ratio_{name}': one.damping,

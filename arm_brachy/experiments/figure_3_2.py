@@ -79,7 +79,12 @@ def _row(m):
 
 
 def _targets(maps):
-    """The claim of the thesis: four pads beat three in the majority of the area."""
+    """The claim of the thesis: four pads beat three in the majority of the area.
+
+    A pad that does not push is held, and (3.23) holds the tissue under it. In task 2 one pad does
+    the work in both configurations, at the same place; the fourth, opposite, only stands against
+    it. There the claim fails by construction wherever that pad is near.
+    """
     shares = _shares(maps)
     named = {f'task {k}': shares[k] for k in TASKS} | {'all tasks': np.mean(list(shares.values()))}
     return tuple(Target(f'share of the area where four pads beat three, {name}', float(share), '%',

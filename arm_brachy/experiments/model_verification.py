@@ -88,14 +88,14 @@ def reproduce(out_dir):
     """
     whole = load_cell(Path(config_dir() / 'scenarios' / SCENARIO))
     cell = resolve(replace(whole.scenario, tasks=()), whole.path)
-    pushes = [push for pad in range(len(cell.scene.pads)) for push in _pushes(cell, pad)]
-    rows = [_row(push, target) for target in cell.em_tools for push in pushes]
+    done = [push for pad in range(len(cell.scene.pads)) for push in pushes(cell, pad)]
+    rows = [_row(push, target) for target in cell.em_tools for push in done]
     return Result(NAME, cell.scenario.seed, commit_of(share_dir()), machine_description(),
                   tuple(rows), tuple(_summary(rows, step) for step in STEPS))
 
 
-def _pushes(cell, pad):
-    """The steps of one actuator, one after another on a body at rest; yields Push."""
+def pushes(cell, pad):
+    """The steps of one actuator (its index), on a body at rest before the first; yields Push."""
     bench, pads = Bench(cell), cell.scene.pads
     model = TissueModel(cell.model, registry.split(cell.model_terms)[Stage.BODY])
     q0, true0, measured0 = bench.hold(AVERAGED + 0.5)

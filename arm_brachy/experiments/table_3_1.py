@@ -29,6 +29,7 @@ GOALS = Goals()
 LARGEST_RATIO = 0.25      # closed-loop ITAE over ours in open loop, in the median of the rows
 DRAWN = ('target_1', 'target_2')   # whose time responses the thesis shows, Fig. 3.6-3.11
 LOOPS = ('open', 'closed')
+OPEN = style.SERIES[6]    # a colour that neither pads nor truth have
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def reproduce(out_dir, scenario=None):
 def _run_all(cell, path):
     """Both loops of every task, spread over the cores; the order of rows is the scenario's."""
     tasks = cell.scenario.tasks
-    numbered = [_number(task) for task in tasks]
+    numbered = [published_numbers(task) for task in tasks]
     seeds = [row_seed(cell.scenario.seed, task) for task in tasks]
     jobs = [(path, i, loop, seeds[i]) for i in range(len(tasks)) for loop in LOOPS]
     done = _in_parallel(jobs)
@@ -133,7 +134,7 @@ def row_seed(seed, task):
     return int(stream(seed, task.name).integers(2**31))
 
 
-def _number(task):
+def published_numbers(task):
     """(target, task) numbers of the thesis. Raises ConfigError if it has no such task."""
     target = int(task.target.rsplit('_', 1)[-1])
     axes = tuple(a in task.axes for a in 'xyz')
@@ -188,13 +189,13 @@ def _draw_open_loop(panels, run):
     """Truth of an open-loop run over the panels x, y, z, error of the closed-loop one."""
     task = run.tasks[0]
     true = run.truth[task.target].between(task.t_start, task.t_end)
-    t, look = true.t - task.t_start, {'color': style.THEIRS, 'linewidth': 1.3}
+    t, look = true.t - task.t_start, {'color': OPEN, 'linestyle': '-.', 'linewidth': 1.3}
     for k in range(3):
         panels[k].plot(t, style.MM * (true.values[:, k] - task.start[k]), **look)
     size = style.MM * metrics.magnitude(metrics.deviation(true.values, task.goal, task.axes))
     panels[3].plot(t, size, **look)
     panels[3].annotate('open loop', (t[-1], size[-1]), xytext=(0, 4), ha='right',
-                       textcoords='offset points', fontsize=8.5, color=style.THEIRS)
+                       textcoords='offset points', fontsize=8.5, color=OPEN)
 
 
 def joined(runs):

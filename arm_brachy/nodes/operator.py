@@ -1,5 +1,7 @@
 """ROS 2 shell of the clinician's side: walks through the scenario's tasks."""
 
+import time
+
 import numpy as np
 from rclpy.node import Node
 from rclpy.task import Future
@@ -7,6 +9,7 @@ from std_srvs.srv import Trigger
 
 from arm_brachy import graph
 from arm_brachy.control.sequencer import Action, Sequencer
+from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.spin import spin_node
@@ -15,6 +18,7 @@ from arm_brachy_msgs.msg import TaskState
 from arm_brachy_msgs.srv import SetGoal
 
 HOME = 0.2e-3   # a pad whose encoder reads less [m] is at home: a few counts of its resolution
+PATIENCE_S = 30.0  # with a service; the longest takes one solve of the model
 REST = 0.1e-3   # and slower than this [m/s] is at rest
 
 
@@ -38,14 +42,26 @@ class OperatorNode(Node):
         self._abort_client = self.create_client(Trigger, 'mpc_manipulator/abort')
         self._home_client = self.create_client(Trigger, 'actuator_driver/home')
         self._state, self._at_home = None, False
-        self._progress = Progress()
+        self._progress, self._asked = Progress(), None
         ticker = Ticker(self, graph.OPERATOR, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+        ticker.unready = self._unready
         self._task_pub = ticker.publisher(graph.TASK)
         self._diagnostics_pub = ticker.publisher(graph.DIAGNOSTICS)
         for topic in graph.OPERATOR.subscribes:
             ticker.subscribe(topic)
+        self.create_timer(1.0, self._watch)
         ticker.start()
+
+    def _unready(self):
+        """Services that are not there yet: a request sent to nobody is never answered."""
+        clients = (self._goal_client, self._abort_client, self._home_client)
+        return [c.srv_name for c in clients if not c.service_is_ready()]
+
+    def _watch(self):
+        if self._asked is not None and time.monotonic() - self._asked > PATIENCE_S:
+            raise ArmBrachyError(f'operator: a service has not answered for {PATIENCE_S:.0f} s; '
+                                 'see the logs of mpc_manipulator and actuator_driver')
 
     def _work(self, tick, t_ns, inputs):
         for msg in inputs[graph.ACTUATORS.name]:
@@ -66,10 +82,16 @@ class OperatorNode(Node):
         request = SetGoal.Request(
             header=convert.header(t_ns, self._frame), target=task.target, relative=True,
             goal=convert.point(task.displacement), axes=[a in task.axes for a in 'xyz'])
-        finished = Future()
+        finished = self._pending()
         future = self._goal_client.call_async(request)
         future.add_done_callback(
             lambda f: self._goal_set(t_ns, task, request, f.result(), finished))
+        return finished
+
+    def _pending(self):
+        """The answer to this tick, due when the service calls made in it are done."""
+        self._asked, finished = time.monotonic(), Future()
+        finished.add_done_callback(lambda _: setattr(self, '_asked', None))
         return finished
 
     def _goal_set(self, t_ns, task, request, answer, finished):
@@ -84,7 +106,7 @@ class OperatorNode(Node):
 
     def _release(self, t_ns):
         self._say(t_ns, TaskState.DONE)
-        finished = Future()
+        finished = self._pending()
         aborted = self._abort_client.call_async(Trigger.Request())
 
         def go_home(_):

@@ -79,6 +79,7 @@ class Ticker:
 
     work(tick, t_ns, inputs) : inputs maps topic name -> list of messages, oldest first. It may
     return a future; the tick is answered when that is done (a service call in progress).
+    unready() : optional, names of whatever else must be there before the first tick (services)
     witness(topic name, t_ns, bytes) : optional, called with every Clock and TickDone as it came
     over the wire (the recorder keeps them).
     """
@@ -89,7 +90,7 @@ class Ticker:
         absent : peers that only a replayer speaks for; they read nothing
         """
         self.lockstep, self.tick_ns, self.last_ns = lockstep, tick_ns, 0
-        self.witness = None
+        self.witness, self.unready = None, lambda: []
         self._node, self._spec, self._work = node, spec, work
         self._peers = frozenset(peers) - {spec.name}
         self._readers = self._peers - frozenset(absent)
@@ -166,8 +167,8 @@ class Ticker:
         """Answer tick 0, again and again until the clock starts."""
         if self._started:
             self._ready_timer.cancel()
-        elif missing := self.lonely():
-            self._node.get_logger().info(f'waiting for readers of {", ".join(missing)}',
+        elif missing := [*self.lonely(), *self.unready()]:
+            self._node.get_logger().info(f'waiting for the other end of {", ".join(missing)}',
                                          throttle_duration_sec=5.0, skip_first=True)
         else:
             self._answer(0, 0)
@@ -192,7 +193,7 @@ class Ticker:
         self._advance()
 
     def _on_timer(self):
-        if not self._busy:
+        if not self._busy and not self.unready():
             t_ns = self._node.get_clock().now().nanoseconds
             self._run(self._tick + 1, t_ns, self.drain())
 

@@ -32,7 +32,8 @@ class TissueNode(Node):
         self._positions_pub = ticker.publisher(positions)
         self._health = Health(self, ticker, self._frame)
         ticker.subscribe(pads_topic)
-        self._topology_pub(convert.mesh_topology(0, self._frame, self._body.mesh,
+        made_ns = 0 if setup.lockstep else self.get_clock().now().nanoseconds
+        self._topology_pub(convert.mesh_topology(made_ns, self._frame, self._body.mesh,
                                                  self._body.surface))
         ticker.start()
 

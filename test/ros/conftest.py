@@ -42,6 +42,12 @@ def command():
     return COMMAND
 
 
+@pytest.fixture(scope='session')
+def command_runner():
+    """Callable that runs `arm-brachy` with arguments to its end."""
+    return arm_brachy
+
+
 @pytest.fixture
 def still_alive():
     """Callable: command lines of live processes that name a folder."""

@@ -1,0 +1,143 @@
+"""The manipulator's services, live at wall pace, fed by a bench that plays encoders and tracker."""
+
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import Point, PoseStamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from arm_brachy import graph
+from arm_brachy.core.scene import load_scene
+from arm_brachy.nodes import convert
+from arm_brachy.nodes.ticker import message_type, offered
+from arm_brachy.scenario import load_cell
+from arm_brachy_msgs.msg import ActuatorCommand
+from arm_brachy_msgs.srv import SetGoal
+
+pytestmark = [pytest.mark.ros]
+
+
+class Rig(Node):
+    """Encoders at `q`, the target where it rests; keeps commands and states of the controller."""
+
+    def __init__(self, target, position, pads):
+        super().__init__('rig')
+        self.q, self.position, self.blind = np.zeros(pads), np.array(position), False
+        self.commands, self.states = [], []
+        self._encoders = self.create_publisher(JointState, graph.ACTUATORS.name,
+                                               offered(graph.ACTUATORS))
+        topic = graph.EM_POSE.at(tool=target)
+        self._pose = self.create_publisher(PoseStamped, topic.name, offered(topic))
+        for topic, sink in ((graph.COMMAND, self.commands), (graph.MANIPULATION, self.states)):
+            self.create_subscription(message_type(topic.type), topic.name, sink.append,
+                                     offered(topic))
+        self.create_timer(0.025, self._play)
+
+    def _play(self):
+        now = self.get_clock().now().nanoseconds
+        self._encoders.publish(JointState(header=convert.header(now, 'cell_base'),
+                                          position=convert.floats(self.q)))
+        if not self.blind:
+            pose = PoseStamped(header=convert.header(now, 'cell_base'))
+            pose.pose.position = convert.point(self.position)
+            self._pose.publish(pose)
+
+    def watch(self, condition, seconds=15.0):
+        """Spin until `condition`; returns whether it came true."""
+        end = time.monotonic() + seconds
+        while not condition() and time.monotonic() < end:
+            rclpy.spin_once(self, timeout_sec=0.05)
+        return condition()
+
+    def call(self, kind, name, request):
+        """Call a service while playing on."""
+        client = self.create_client(kind, name)
+        assert self.watch(lambda: client.service_is_ready(), 40), name
+        future = client.call_async(request)
+        assert self.watch(future.done, 30), name
+        return future.result()
+
+    def set_goal(self, target, goal, axes, relative=True):
+        """Ask for a goal."""
+        return self.call(SetGoal, 'mpc_manipulator/set_goal', SetGoal.Request(
+            target=target, relative=relative, goal=Point(x=goal[0], y=goal[1], z=goal[2]),
+            axes=axes))
+
+
+@pytest.fixture
+def rig(start_node, short_scenario, ros_domain_id):
+    scene = load_scene((short_scenario.parent / '../../config/scenes/breast.yaml').resolve())
+    target = next(t for t in scene.targets if t.name == 'target_1')
+    rclpy.init()
+    node = Rig('target_1', target.position, len(scene.pads))
+    start_node('mpc_manipulator', f'scenario:={short_scenario}', 'pace:=wall',
+               'peers:=["mpc_manipulator", "actuator_driver", "em_tracker"]')
+    assert node.watch(lambda: len(node.states) > 20, 60)  # two seconds of a standing target
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+X, XY, XYZ = [True, False, False], [True, True, False], [True, True, True]
+
+
+def test_no_command_before_a_goal_then_pushes_then_abort_and_hold(rig):
+    assert rig.commands == []
+    answer = rig.set_goal('target_1', (-2e-3, 0.0, 0.0), X)
+    assert answer.accepted and answer.feasible
+    assert answer.start.x == pytest.approx(rig.position[0], abs=1e-6)
+    assert answer.reference.x == pytest.approx(rig.position[0] - 2e-3, abs=1e-6)
+    assert rig.watch(lambda: rig.commands and max(rig.commands[-1].position) > 1e-3)
+    assert all(c.mode == ActuatorCommand.MODE_MOVE for c in rig.commands)
+    assert rig.call(Trigger, 'mpc_manipulator/hold', Trigger.Request()).success
+    rig.watch(lambda: False, 0.5)
+    held = rig.commands[-1].position
+    rig.watch(lambda: False, 0.5)
+    assert rig.commands[-1].position == held
+    assert rig.call(Trigger, 'mpc_manipulator/abort', Trigger.Request()).success
+    rig.watch(lambda: False, 0.3)
+    count = len(rig.commands)
+    rig.watch(lambda: False, 0.5)
+    assert len(rig.commands) == count
+    assert rig.states[-1].active is False
+
+
+def test_a_goal_out_of_reach_is_answered_with_the_closest_point_and_why(rig):
+    """Pads of one plane can lift a target, never press it onto the base."""
+    answer = rig.set_goal('target_1', (0.0, 0.0, -10e-3), [False, False, True])
+    assert answer.accepted and not answer.feasible
+    assert answer.message
+    reached = answer.closest.z - answer.start.z
+    assert -10e-3 < reached <= 1e-6
+    assert rig.watch(lambda: rig.states[-1].active)
+    assert rig.watch(lambda: not rig.states[-1].feasible)
+    assert rig.states[-1].outcome == 'INFEASIBLE'
+
+
+@pytest.mark.parametrize(('target', 'goal', 'axes', 'said'), [
+    ('target_9', (0.0, 0.0, 0.0), X, 'target_9'),
+    ('target_2', (0.0, 0.0, 0.0), X, 'carries no sensor'),
+    ('target_1', (float('nan'), 0.0, 0.0), X, 'finite'),
+    ('target_1', (0.0, 0.0, 0.0), [False, False, False], 'no axis'),
+])
+def test_a_bad_goal_is_refused_with_a_reason(rig, target, goal, axes, said):
+    answer = rig.set_goal(target, goal, axes)
+    assert not answer.accepted
+    assert said in answer.message
+    assert '\n' not in answer.message
+    rig.watch(lambda: False, 0.3)
+    assert rig.commands == []
+
+
+def test_losing_the_tracker_holds_the_command(rig):
+    assert rig.set_goal('target_1', (-3e-3, 0.0, 0.0), X).accepted
+    assert rig.watch(lambda: len(rig.commands) > 3)
+    rig.blind = True
+    assert rig.watch(lambda: rig.states[-1].outcome == 'STALE_INPUT')
+    held = rig.commands[-1].position
+    rig.watch(lambda: False, 1.0)
+    assert rig.commands[-1].position == held

@@ -1,0 +1,257 @@
+"""The command line: help that works as printed, exit status, results as JSON."""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from arm_brachy import __version__
+from arm_brachy.cli import COMMANDS, bags, main, output
+from arm_brachy.cli import run as cli_run
+from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.core.paths import share_dir
+from arm_brachy.evaluation.result import Result, Target
+from arm_brachy.experiments import EXPERIMENTS
+
+RESULT_KEYS = {'name', 'seed', 'commit', 'machine', 'rows', 'targets'}
+ENCODERS = 't_s,q0\n0.00,0.000\n0.01,0.001\n0.02,0.002\n'
+MAP = """\
+name: rig
+encoders:
+- csv: {path: enc.csv, time: t_s}
+  columns: 'q{key}'
+"""
+
+
+def run(*args):
+    return CliRunner().invoke(main, [str(a) for a in args])
+
+
+def shell(command, **options):
+    program = f'{shlex.quote(sys.executable)} -c "from arm_brachy.cli import main; main()"'
+    return subprocess.run(command.replace('arm-brachy', program), shell=True, text=True,
+                          capture_output=True, timeout=60, **options)
+
+
+def commands():
+    """Every command with its full name, those inside groups too."""
+    for name in COMMANDS:
+        command = main.get_command(None, name)
+        yield name, command
+        if isinstance(command, click.Group):
+            yield from ((f'{name} {inner}', one) for inner, one in command.commands.items())
+
+
+ALL = dict(commands())
+each_command = pytest.mark.parametrize('name', ALL)
+
+
+@pytest.fixture
+def rig(tmp_path):
+    """A laboratory's folder: one CSV file and its column map."""
+    (tmp_path / 'enc.csv').write_text(ENCODERS)
+    (tmp_path / 'map.yaml').write_text(MAP)
+    return tmp_path
+
+
+@pytest.fixture
+def bag(rig):
+    assert run('import', 'csv', rig / 'map.yaml', '--out', rig / 'bag').exit_code == 0
+    return rig / 'bag'
+
+
+@each_command
+def test_help_is_shown_and_fits_80_columns(name):
+    answer = CliRunner().invoke(main, [*name.split(), '--help'], terminal_width=80)
+    assert answer.exit_code == 0
+    assert max(map(len, answer.output.splitlines())) <= 80
+    assert 'Example:' in answer.output
+
+
+@each_command
+def test_an_example_works_as_printed(name, tmp_path, monkeypatch):
+    """It parses, and what it names of config/ exists."""
+    _, _, example = ALL[name].help.partition('Example:')
+    words = shlex.split(example.replace('\\\n', ' '))
+    assert words[:1 + len(name.split())] == ['arm-brachy', *name.split()]
+    named = [w for w in words if w.startswith('config/')]
+    assert all((share_dir() / w).is_file() for w in named)
+    (tmp_path / 'runs').mkdir()
+    monkeypatch.chdir(tmp_path)
+    rest = words[1 + len(name.split()):]
+    if not isinstance(ALL[name], click.Group):
+        ALL[name].make_context(name, rest)
+
+
+def test_the_list_of_commands_says_what_each_says_of_itself():
+    for name, (_, text) in COMMANDS.items():
+        assert ALL[name].help.split('\n\n')[0] == text
+
+
+def test_help_and_version_load_no_physics():
+    loaded = shell('arm-brachy --help').stdout
+    assert all(f'  {name} ' in loaded for name in COMMANDS)
+    check = ('import sys, arm_brachy.cli; '
+             'print(sorted({"numpy", "numba", "scipy", "rich"} & set(sys.modules)))')
+    answer = subprocess.run([sys.executable, '-c', check], text=True, capture_output=True)
+    assert answer.stdout.strip() == '[]'
+    assert run('--version').output.strip().endswith(__version__)
+
+
+def test_without_arguments_the_help_is_shown():
+    answer = run()
+    assert answer.exit_code == 2 and 'Commands:' in answer.stderr
+
+
+@pytest.mark.parametrize('args,says', [
+    (['evaluat'], "No command 'evaluat'; must be one of run, replay, evaluate"),
+    (['evaluate'], "Missing argument 'BAG'"),
+    (['terms', '--colour'], "No such option '--colour'"),
+    (['--colour'], "No such option '--colour'"),
+    (['import', 'xls', 'a'], "No such command 'xls'"),
+    (['run', 'a.yaml', '--speed-limit', '-1'], '--speed-limit'),
+    (['mesh', 'a.stl', 'b.msh', '--edge-length-mm', 'x'], "'x' is not a valid float"),
+    (['replay', 'bag', '--node', 'tissue'], "'tissue' is not one of 'actuator_driver'"),
+    (['reproduce', 'table-9.9'], "'table-9.9' is not one of"),
+    (['evaluate', 'bag', '--json', '/nowhere/a.json'], '/nowhere: no such folder'),
+    (['evaluate', 'bag', '--json', '/'], '/ is a folder; name a file'),
+])
+def test_a_wrong_command_line_is_one_line_and_a_hint(args, says):
+    answer = run(*args)
+    assert answer.exit_code == 2 and answer.stdout == ''
+    assert answer.stderr.count('\n') == 1
+    assert says in answer.stderr and re.search(r'See: arm-brachy.* --help$', answer.stderr.strip())
+
+
+def test_an_unknown_experiment_lists_the_known_ones():
+    answer = run('reproduce', 'table-9.9')
+    assert all(name in answer.stderr for name in EXPERIMENTS)
+    assert all(name in run('reproduce', '--help').stdout for name in EXPERIMENTS)
+
+
+def test_tables_are_markdown():
+    for name in ('terms', 'nodes'):
+        lines = run(name).stdout.splitlines()
+        assert re.fullmatch(r'\|(---\|)+', lines[1]) and all(x.startswith('|') for x in lines)
+
+
+def test_a_closed_pipe_is_quiet():
+    answer = shell('arm-brachy terms | head -c 10')
+    assert answer.stdout == '| term | w' and answer.stderr == ''
+
+
+def test_ctrl_c_is_one_line_and_130(monkeypatch):
+    def interrupted(path):
+        raise KeyboardInterrupt
+    monkeypatch.setattr(bags, 'payload_hashes', interrupted)
+    answer = run('hashes', 'bag')
+    assert answer.exit_code == 130 and answer.stderr.split() == ['interrupted']
+
+
+def test_a_bug_shows_its_traceback(monkeypatch):
+    monkeypatch.setattr(bags, 'payload_hashes', lambda path: 1 / 0)
+    assert isinstance(run('hashes', 'bag').exception, ZeroDivisionError)
+
+
+def test_bad_news_is_status_1(monkeypatch):
+    def bad_news(path):
+        raise ArmBrachyError('it does not converge')
+    monkeypatch.setattr(bags, 'payload_hashes', bad_news)
+    answer = run('hashes', 'bag')
+    assert (answer.exit_code, answer.stderr) == (1, 'error: it does not converge\n')
+
+
+def test_files_of_another_folder_than_the_map(rig, tmp_path):
+    (tmp_path / 'maps').mkdir()
+    (rig / 'map.yaml').rename(tmp_path / 'maps' / 'map.yaml')
+    answer = run('import', 'csv', tmp_path / 'maps' / 'map.yaml', '--folder', rig,
+                 '--out', rig / 'bag', '--json', rig / 'result.json')
+    assert answer.exit_code == 0 and '3 messages' in answer.stdout
+    found = json.loads((rig / 'result.json').read_text())
+    assert set(found) == RESULT_KEYS
+    assert [row['rows'] for row in found['rows']] == [3]
+
+
+def test_what_is_recovered_and_concealed_has_the_same_payloads(bag, tmp_path):
+    assert run('recover', bag, '--out', tmp_path / 'mended', '--json',
+               tmp_path / 'r.json').exit_code == 0
+    assert run('conceal', bag, '--out', tmp_path / 'hidden').exit_code == 0
+    answer = run('hashes', bag, tmp_path / 'mended', tmp_path / 'hidden')
+    assert answer.exit_code == 0 and answer.stdout.startswith('equal   /actuators/state')
+    row = json.loads((tmp_path / 'r.json').read_text())['rows'][0]
+    assert (row['messages'], row['damaged_chunks'], row['unread_bytes']) == (3, 0, 0)
+
+
+def test_bags_that_differ_are_bad_news(bag, rig):
+    (rig / 'enc.csv').write_text(ENCODERS.replace('0.002', '0.003'))
+    assert run('import', 'csv', rig / 'map.yaml', '--out', rig / 'other').exit_code == 0
+    answer = run('hashes', bag, rig / 'other', '--json', rig / 'h.json')
+    assert answer.exit_code == 1 and answer.stdout.startswith('DIFFER  /actuators/state')
+    assert 'topics that differ' in answer.stderr
+    found = json.loads((rig / 'h.json').read_text())
+    assert found['targets'][0]['met'] is False and found['rows'][0]['equal'] is False
+
+
+def test_a_mesh_is_made_with_its_figures_and_never_overwritten(tmp_path):
+    surface = share_dir() / 'config/scenes/silicone_beam/beam.stl'
+    args = ('mesh', surface, tmp_path / 'beam.msh', '--edge-length-mm', 25)
+    answer = run(*args, '--json', tmp_path / 'mesh.json')
+    assert answer.exit_code == 0
+    row = json.loads((tmp_path / 'mesh.json').read_text())['rows'][0]
+    assert re.search(rf"^tetrahedra +{row['tetrahedra']}$", answer.stdout, re.M)
+    before = (tmp_path / 'beam.msh').read_bytes()
+    again = run(*args)
+    assert again.exit_code == 2 and 'beam.msh: exists; name another file' in again.stderr
+    assert (tmp_path / 'beam.msh').read_bytes() == before
+
+
+def result(rows, targets=()):
+    return Result('trial', 7, 'abc', 'here', tuple(rows), tuple(targets))
+
+
+def test_a_table_wider_than_long_is_turned(capsys):
+    rows = [{'task': f'task_{i}', **{f'figure_{k}_mm': 10 * i + k for k in range(12)}}
+            for i in (1, 2)]
+    output.show_table(result(rows))
+    lines = [re.split(r'[|│┃]', line) for line in capsys.readouterr().out.splitlines()]
+    cells = [[c.strip() for c in line[1:-1]] for line in lines if len(line) == 5]
+    assert cells == [['task', 'task_1', 'task_2'],
+                     *([f'figure_{k}_mm', str(10 + k), str(20 + k)] for k in range(12))]
+
+
+def test_rows_of_one_name_stay_apart_when_turned(capsys):
+    output.show_table(result([{'task': 'a', 'x': 1, 'y': 2, 'z': 3},
+                              {'task': 'a', 'x': 4, 'y': 5, 'z': 6}]))
+    shown = capsys.readouterr().out
+    assert 'a (1)' in shown and 'a (2)' in shown and '6' in shown
+
+
+def test_several_results_are_one_json_that_loses_nothing():
+    goal = Target('error', 0.1, 'mm', '< 0.3', True)
+    merged = cli_run._merged([result([{'x': 1}], [goal]),
+                              replace(result([{'y': 2}]), name='other')])
+    assert merged.rows == ({'table': 'trial', 'x': 1}, {'table': 'other', 'y': 2})
+    assert merged.targets == (goal,)
+
+
+def test_missed_goals_are_bad_news():
+    missed = Target('error', 0.5, 'mm', '< 0.3', False)
+    unknown = Target('drift', float('nan'), 'mm', '< 1', None)
+    output.refuse_missed([result([], [unknown])])
+    with pytest.raises(ArmBrachyError, match='goals missed: error$') as caught:
+        output.refuse_missed([result([], [missed, unknown])])
+    assert caught.value.exit_status == 1
+
+
+def test_a_path_is_printed_whole(bag, tmp_path):
+    """A terminal of 80 columns would break a long path in two, and nobody could copy it."""
+    deep = tmp_path / ('long_' * 20) / ('path_' * 20)
+    answer = run('recover', bag, '--out', deep)
+    assert str(Path(deep)) in answer.stdout
