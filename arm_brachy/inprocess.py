@@ -117,7 +117,7 @@ class InProcess:
     def data(self):
         """What happened so far as RunData; a task that is not over yet is left out."""
         scenario, origin = self._cell.scenario, provenance.of(self._cell)
-        points = self._series('points')
+        points, forces = self._series('points'), self._forces()
         truth = {} if points is None else {
             name: Series(points.t, points.values[:, i])
             for i, name in enumerate(self.body.point_names)}
@@ -126,8 +126,8 @@ class InProcess:
             commit=origin['commit'], machine=origin['machine'], recorded_at=origin['start'],
             tasks=tuple(self._windows), truth=truth, em=self._em(),
             encoder=self._series('encoder'), command_position=self._series('command'),
-            pad_displacement=self._series('pads'), force=self._forces(), optical=self._optical(),
-            force_pads=tuple(sorted(self._pads)) if 'force' in self._sensors else (),
+            pad_displacement=self._series('pads'), optical=self._optical(), force=forces,
+            force_pads=() if forces is None else tuple(sorted(self._pads)),
             outcomes=tuple(NodeOutcome(*key, n, self._said[key])
                            for key, n in sorted(self._outcomes.items())))
         return with_scene(found, self._cell.scene)

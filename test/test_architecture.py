@@ -17,7 +17,8 @@ NUMERICAL = {
 }
 # Of these, each may import all numerical parts and whatever stands before it.
 COMPOSITION = (
-    'scenario', 'provenance', 'graph', 'cell', 'offline', 'evaluate', 'launcher', 'experiments',
+    'scenario', 'provenance', 'graph', 'cell', 'offline', 'inprocess', 'evaluate', 'launcher',
+    'experiments',
     'cli',
 )
 ALLOWED = {

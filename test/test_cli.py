@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
 from arm_brachy import __version__
 from arm_brachy.cli import COMMANDS, bags, main, output
@@ -18,7 +19,7 @@ from arm_brachy.cli import run as cli_run
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import share_dir
 from arm_brachy.evaluation.result import Result, Target
-from arm_brachy.experiments import EXPERIMENTS
+from arm_brachy.experiments.catalogue import EXPERIMENTS
 
 RESULT_KEYS = {'name', 'seed', 'commit', 'machine', 'rows', 'targets'}
 ENCODERS = 't_s,q0\n0.00,0.000\n0.01,0.001\n0.02,0.002\n'
@@ -224,6 +225,18 @@ def test_a_table_wider_than_long_is_turned(capsys):
     cells = [[c.strip() for c in line[1:-1]] for line in lines if len(line) == 5]
     assert cells == [['task', 'task_1', 'task_2'],
                      *([f'figure_{k}_mm', str(10 + k), str(20 + k)] for k in range(12))]
+
+
+def test_a_table_too_wide_for_the_terminal_is_cut_into_blocks(capsys, monkeypatch):
+    monkeypatch.setattr(output, 'console', Console(width=80))
+    rows = [{'marker': f'Tip-{i}', 'regime': 'held', **{f'figure_{k}_mm': 100 * i + k
+                                                        for k in range(11)}} for i in range(14)]
+    output.show_table(result(rows))
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80 and not any('…' in line for line in lines)
+    shown = [line for line in lines if 'Tip-13 ' in line]
+    assert len(shown) > 1 and all('held' in line for line in shown)
+    assert re.findall(r'1\d\d\d', ' '.join(shown)) == [str(1300 + k) for k in range(11)]
 
 
 def test_rows_of_one_name_stay_apart_when_turned(capsys):

@@ -107,5 +107,6 @@ def scene_command(file, out, name):
     with new_folder(out) as folder:
         found = import_scene(file, folder, name=name)
     for key, value in found.items():
-        for item in value if isinstance(value, (list, tuple)) else [value]:
+        several = list(value.values()) if isinstance(value, dict) else value
+        for item in several if isinstance(several, (list, tuple)) else [several]:
             console.print(f'{key}  {item}', highlight=False, markup=False)

@@ -1,5 +1,6 @@
 """What the commands share: where results go, how they are shown, progress on long work."""
 
+import itertools
 import shutil
 import sys
 from contextlib import ExitStack, contextmanager, suppress
@@ -9,6 +10,8 @@ from pathlib import Path
 
 import click
 from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
 from arm_brachy.core.errors import ArmBrachyError, InputError
 from arm_brachy.core.paths import run_dir, share_dir
@@ -16,6 +19,7 @@ from arm_brachy.evaluation.result import Result, cell_text, commit_of, machine_d
 
 # A file or a pipe has no width; a table in it is never cut.
 PIPE_WIDTH = 1000
+BORDER = 3  # a rule and two spaces beside every cell of a table
 
 console = Console(soft_wrap=True, width=None if sys.stdout.isatty() else PIPE_WIDTH)
 errors = Console(stderr=True, soft_wrap=True)
@@ -105,10 +109,42 @@ def show(result, json_file=None):
 
 
 def show_table(result):
-    """Print rows and targets of a Result as tables; the rows as columns where that is narrower."""
-    columns = list(dict.fromkeys(key for row in result.rows for key in row))
-    (replace(result, rows=_turned(result.rows, columns)) if len(columns) > len(result.rows) + 1
-     else result).table(console)
+    """Print rows and targets of a Result as tables that fit the terminal.
+
+    The rows become columns where that is narrower; what is still too wide is cut into blocks that
+    repeat the leading columns of text.
+    """
+    columns = _columns(result.rows)
+    rows = result.rows if len(columns) <= len(result.rows) + 1 else _turned(result.rows, columns)
+    *blocks, last = _blocks(rows)
+    for block in blocks:
+        table = Table(*block[0], title=result.name, title_justify='left')
+        for row in block:
+            table.add_row(*(escape(cell_text(value)) for value in row.values()))
+        console.print(table)
+    replace(result, rows=last).table(console)
+
+
+def _columns(rows):
+    return list(dict.fromkeys(key for row in rows for key in row))
+
+
+def _blocks(rows):
+    """The rows cut between columns, so that each block is at most as wide as the console."""
+    columns = _columns(rows)
+    width = {c: BORDER + max([len(c), *(len(cell_text(row.get(c))) for row in rows)])
+             for c in columns}
+    keys = list(itertools.takewhile(
+        lambda c: all(isinstance(row.get(c), str) for row in rows), columns[:-1]))
+    blocks, used = [[]], 0
+    room = console.width - sum(width[c] for c in keys) - 1
+    for column in columns[len(keys):]:
+        if blocks[-1] and used + width[column] > room:
+            blocks.append([])
+            used = 0
+        blocks[-1].append(column)
+        used += width[column]
+    return [tuple({c: row.get(c) for c in (*keys, *block)} for row in rows) for block in blocks]
 
 
 def _turned(rows, columns):

@@ -11,7 +11,7 @@ from arm_brachy.cli.output import (
     show_table,
     working,
 )
-from arm_brachy.experiments import EXPERIMENTS
+from arm_brachy.experiments.catalogue import EXPERIMENTS
 
 
 @click.command(epilog=f'NAME: {", ".join(sorted(EXPERIMENTS))}')

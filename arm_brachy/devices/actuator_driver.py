@@ -41,7 +41,8 @@ class ActuatorParams:
         10.0, 'ms', 'first-order lag of the position loop', low=0.0, high=1000.0,
         source='15 Hz bandwidth of a small DC linear servo, engineering judgement')
     force_limit: float = quantity(50.0, 'N', 'push at which the bank stops pushing', low=0.1,
-                                  high=1e4, source='half of the 100 N the L16-63 lifts')
+                                  high=1e4, source=_L16 + 'lifts 100 N; half of it, engineering '
+                                                         'judgement')
 
 
 @dataclass(frozen=True)

@@ -12,17 +12,18 @@ from arm_brachy.core.quantity import quantity
 from arm_brachy.devices.noise import ColouredNoise
 from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction, lerp, slerp
 
-_NDI = 'NDI Aurora V2, Planar 20-20 field generator, product specification: '
-# NDI reports the fit residual as an indicator from 0 (best) to this.
+# The specification of the tracker (thesis sec. 3.4.4), written down from memory.
+_NDI = 'NDI Aurora V2, Planar 20-20 (specification, not checked against a copy): '
+# NDI reports the fit residual as an indicator from 0 (best) to this (from memory as well).
 _WORST_INDICATOR = 9.9
-# The field of a dipole falls as r^-3: for constant receiver noise, position noise then grows as
-# r^4 and orientation noise as r^3 (Raab et al. 1979, IEEE Trans. AES 15:709).
+# The field of a dipole falls as r^-3 (Raab et al. 1979, IEEE Trans. AES 15:709): for constant
+# receiver noise, position noise then grows as r^4 and orientation noise as r^3.
 _POSITION_POWER = 4
 _ORIENTATION_POWER = 3
 
 
 class ToolStatus(IntEnum):
-    """State of one tool in one frame; the numbers are NDI's transform status codes."""
+    """State of one tool in one frame; NDI's transform status codes (its Combined API sample)."""
 
     OK = 0x00
     OUT_OF_VOLUME = 0x09
@@ -47,14 +48,15 @@ class EmTrackerParams:
                                      '(engineering judgement)')
     position_noise: float = quantity(
         0.14, 'mm', 'rms length of the position error, up to the reference distance', low=0.0,
-        high=20.0, source='Aurora jitter, Hummel et al. 2005, Med. Phys. 32:2371')
+        high=20.0, source='positional jitter of an Aurora, Hummel et al. 2005, Med. Phys. '
+                          '32:2371 (a model before the V2)')
     orientation_noise: float = quantity(
         0.2, 'deg', 'rms angle of the orientation error, up to the reference distance', low=0.0,
         high=20.0, source=_NDI + '0.20 deg rms, 5DOF, cube volume')
     reference_distance: float = quantity(
         350.0, 'mm', 'distance from the generator beyond which noise grows', low=10.0, high=5000.0,
         source='chosen so that the rms over the cube volume, 0.45 mm, stays within the 0.48 mm '
-               'of the specification (6DOF)')
+               'of the specification (6DOF; not checked against a copy)')
     noise_correlation: float = quantity(0.0, 's', 'correlation time of the noise (0 = white)',
                                         low=0.0, high=100.0, source='white unless measured')
     dropout_probability: float = quantity(

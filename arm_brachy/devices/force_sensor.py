@@ -8,35 +8,41 @@ from arm_brachy.core.quantity import quantity
 from arm_brachy.devices.noise import ColouredNoise
 from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction, lerp
 
-_NANO17 = 'ATI Nano17 SI-25-0.25 specification: '
+_NANO17 = 'ATI Nano17, calibration SI-50-0.5: '
 
 
 @dataclass(frozen=True)
 class ForceSensorParams:
-    """Rate, noise, range and resolution; moments are in N m throughout."""
+    """Rate, noise, range and resolution; moments are in N m throughout.
+
+    The default is an ATI Nano17, 17 mm across, since it fits behind a pad. The Axia of the thesis
+    carries the ultrasound probe (ch. 6): wider than a pad, and ranges of hundreds of newtons where
+    tissue returns a few. Of the Nano17's calibrations, SI-25-0.25 resolves twice as finely but
+    ends at 25 N, where a supervisor that stops at 30 N would never see its limit.
+    """
 
     rate: float = quantity(100.0, 'Hz', 'samples per second', low=1.0, high=8000.0,
-                           source='kept at the rate of the optical tracker; the sensor streams '
-                                  'up to 7 kHz')
+                           source='kept at the rate of the optical tracker; an ATI Axia samples '
+                                  'at 0.5 to 8 kHz (manual 9620-05-C-Ethernet Axia, table 5.5)')
     phase: float = quantity(0.0, 'ms', 'time of sample 0', low=0.0, high=1e4)
     latency: float = quantity(0.0, 'ms', 'from acquisition to delivery', low=0.0, high=1000.0,
-                              source='UDP streaming, below 1 ms')
-    noise: float = quantity(0.0125, 'N', 'standard deviation per axis', low=0.0, high=100.0,
-                            source='0.05 % of full scale, above which noise is abnormal (ATI '
-                                   'manual 9610-05-Ethernet Axia, table 14.5)')
+                              source='engineering judgement: UDP streaming, below 1 ms')
+    noise: float = quantity(0.025, 'N', 'standard deviation per axis', low=0.0, high=100.0,
+                            source='engineering judgement: two counts, 0.05 % of full scale')
     moment_noise: float = quantity(
-        1.25e-4, '', 'standard deviation per axis [N m]', low=0.0, high=10.0,
-        source='0.05 % of full scale, as above')
+        2.5e-4, '', 'standard deviation per axis [N m]', low=0.0, high=10.0,
+        source='engineering judgement: 0.05 % of full scale')
     noise_correlation: float = quantity(0.0, 's', 'correlation time of the noise (0 = white)',
                                         low=0.0, high=100.0, source='white unless measured')
-    range: float = quantity(25.0, 'N', 'largest force per axis', low=0.01, high=1e4,
-                            source=_NANO17 + 'Fx, Fy 25 N (Fz 35 N)')
-    moment_range: float = quantity(0.25, '', 'largest moment per axis [N m]', low=1e-4, high=1e3,
-                                   source=_NANO17 + '250 N mm')
-    resolution: float = quantity(0.00625, 'N', 'one count (0 = continuous)', low=0.0, high=10.0,
-                                 source=_NANO17 + '1/160 N')
-    moment_resolution: float = quantity(3.125e-5, '', 'one count [N m] (0 = continuous)', low=0.0,
-                                        high=1.0, source=_NANO17 + '1/32 N mm')
+    range: float = quantity(50.0, 'N', 'largest force per axis', low=0.01, high=1e4,
+                            source=_NANO17 + 'Fx, Fy 50 N (Fz 70 N)')
+    moment_range: float = quantity(0.5, '', 'largest moment per axis [N m]', low=1e-4, high=1e3,
+                                   source=_NANO17 + '500 N mm')
+    resolution: float = quantity(0.0125, 'N', 'one count (0 = continuous)', low=0.0, high=10.0,
+                                 source=_NANO17 + '1/80 N')
+    moment_resolution: float = quantity(6.25e-5, '', 'one count [N m] (0 = continuous)', low=0.0,
+                                        high=1.0, source=_NANO17 + '1/16 N mm, in proportion '
+                                        'to the 1/64 N mm of SI-12-0.12')
 
 
 @dataclass(frozen=True)

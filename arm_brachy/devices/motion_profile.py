@@ -36,7 +36,8 @@ def plan(motion, target, speed, acceleration):
         slows down to it
     From rest the target is never passed. A motion that can no longer stop before the target brakes
     to rest, then comes back.
-    Source: trapezoidal profile, Biagiotti & Melchiorri 2008, Trajectory Planning, sec. 3.2.
+    Source: trapezoidal profile, Biagiotti & Melchiorri 2008, Trajectory Planning for Automatic
+    Machines and Robots.
     Test: devices/test_motion_profile.py
     """
     distance = target - motion.position

@@ -8,7 +8,8 @@ class ColouredNoise:
 
     shape : of one draw;  correlation_time, period : s (0 = white);  rng : numpy Generator
     x[k+1] = a x[k] + sqrt(1 - a^2) w[k], a = exp(-period / correlation_time), started in its
-    stationary distribution. Source: Gelb 1974, Applied Optimal Estimation, ch. 3.
+    stationary distribution. Source: Gelb 1974, Applied Optimal Estimation,
+    chapter on linear dynamic systems.
     """
 
     def __init__(self, shape, correlation_time, period, rng):

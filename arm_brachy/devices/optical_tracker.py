@@ -30,7 +30,8 @@ class OpticalParams:
     """
 
     rate: float = quantity(100.0, 'Hz', 'frames per second', low=1.0, high=2000.0,
-                           source='Vicon Nexus and OptiTrack Motive: 100 Hz is a standard setting')
+                           source='usual for Vicon and OptiTrack (engineering judgement; thesis: '
+                                  'none printed)')
     phase: float = quantity(0.0, 'ms', 'time of frame 0', low=0.0, high=1e4)
     latency: float = quantity(10.0, 'ms', 'from acquisition to delivery', low=0.0, high=1000.0,
                               source='one frame (engineering judgement)')
@@ -45,7 +46,7 @@ class OpticalParams:
         source=_VICON + 'static mean absolute error 0.15 mm')
     occlusion_probability: float = quantity(
         0.005, '', 'fraction of the time that a marker is hidden', low=0.0, high=0.99,
-        source='engineering judgement: five or six cameras about a phantom (thesis sec. 4.4, 5.5)')
+        source='engineering judgement: five cameras about a phantom (thesis sec. 4.4), six (5.5)')
     occlusion_duration: float = quantity(0.2, 's', 'mean time that a marker stays hidden',
                                          low=1e-3, high=1e3,
                                          source='a hand or cable passing (engineering judgement)')

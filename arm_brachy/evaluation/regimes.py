@@ -51,11 +51,11 @@ def release_regimes(t, measured, release):
 
 
 def inside(t, regimes, names):
-    """True (n,) where t [s] lies in a Regime with one of `names`."""
+    """True (n,) where t [s] lies in a Regime with one of `names`; its end belongs to the next."""
     hit = np.zeros(len(t), dtype=bool)
     for regime in regimes:
         if regime.name in names:
-            hit |= (t >= regime.t_start) & (t <= regime.t_end)
+            hit |= (t >= regime.t_start) & ((t < regime.t_end) | (regime.t_end >= t[-1]))
     return hit
 
 

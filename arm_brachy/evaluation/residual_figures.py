@@ -1,23 +1,37 @@
 """Figures of a replay: residual of every marker or pad over time, as a norm and per axis."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from arm_brachy.evaluation.style import BAND, INK, OURS, SERIES, Plate, new_figure, styled
 
 COLUMNS = 3
+
+
+@dataclass(frozen=True)
+class Words:
+    """How a kind of ResidualData is spoken of: what carries a value, its unit, its scale."""
+
+    carrier: str
+    plural: str
+    unit: str
+    scale: float
+
+
+WORDS = {'position': Words('marker', 'markers', 'mm', 1e3), 'force': Words('pad', 'pads', 'N', 1.0)}
 SHADES = ('#f6f1dd', '#dde9f3', '#e2f1dc', '#f5e0ea', '#e6e6e6')
 FEW = 6  # up to so many stretches each is named in the panel, beyond that in the caption only
 
 
 @styled
-def residual_norms(data, r, floor, words):
+def residual_norms(data, r, floor):
     """|r| of every marker over time against the noise floor, one panel per marker.
 
     data : timeseries.ResidualData;  r : (n, k, 3) [m or N];  floor : (k,) rms noise norm
-    words : residual_report.Words
     For who asks: where and when does the model miss something, and by how much?
     """
-    figure, axes = _panels(data)
+    words, (figure, axes) = WORDS[data.kind], _panels(data)
     size = np.linalg.norm(r, axis=2) * words.scale
     for k, axis in enumerate(axes):
         axis.plot(data.t, size[:, k], color=OURS, lw=1.0, rasterized=True)
@@ -31,9 +45,9 @@ def residual_norms(data, r, floor, words):
 
 
 @styled
-def residual_axes(data, r, words):
+def residual_axes(data, r):
     """Residual of every marker per axis over time; its direction tells the kind of error."""
-    figure, axes = _panels(data)
+    words, (figure, axes) = WORDS[data.kind], _panels(data)
     for k, axis in enumerate(axes):
         for i, name in enumerate('xyz'):
             axis.plot(data.t, r[:, k, i] * words.scale, color=SERIES[i], lw=0.9, label=name,

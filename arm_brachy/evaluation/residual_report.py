@@ -1,27 +1,12 @@
 """The report of an offline replay: what the model leaves unexplained of a recording, unadorned."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from arm_brachy.evaluation import body_view, regimes, residual_figures, residuals, vibration
 from arm_brachy.evaluation.page import (Cell, Column, Fact, Grid, Verdict, number, pictures,
                                         provenance, write_page)
+from arm_brachy.evaluation.residual_figures import WORDS
 from arm_brachy.evaluation.result import Result
-
-
-@dataclass(frozen=True)
-class Words:
-    """How a kind of ResidualData is spoken of: what carries a value, its unit, its scale."""
-
-    carrier: str
-    plural: str
-    unit: str
-    scale: float
-
-
-WORDS = {'position': Words('marker', 'markers', 'mm', 1e3),
-         'force': Words('pad', 'pads', 'N', 1.0)}
 
 
 def write_residual_report(data, out_html):
@@ -42,9 +27,8 @@ def write_residual_report(data, out_html):
 
 def plates(data, r, floor):
     """The figures of the report, as style.Plate in order; no body if nothing was seen."""
-    words = WORDS[data.kind]
-    drawn = [residual_figures.residual_norms(data, r, floor, words),
-             residual_figures.residual_axes(data, r, words)]
+    drawn = [residual_figures.residual_norms(data, r, floor),
+             residual_figures.residual_axes(data, r)]
     total = np.nansum(r ** 2, axis=(1, 2))
     if data.kind == 'position' and total.any():
         drawn.insert(1, body_view.residual_body(data, r, int(total.argmax())))

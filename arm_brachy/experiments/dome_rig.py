@@ -193,8 +193,8 @@ def figure(replays):
     axes[0, 0].set_ylabel('residual of tissue markers, rms / mm')
     axes[1, 0].set_ylabel('push-back on the pads / N')
     sheet.supxlabel('time / s', fontsize=9)
-    for row in axes:
-        row[0].legend(loc='upper left', fontsize=7.5)
+    handles = [handle for row in axes for handle in row[0].get_legend_handles_labels()[0]]
+    sheet.legend(handles=handles, loc='outside upper center', ncols=4)
     return Plate(NAME, sheet, 'Dome rig: what the model on the mesh as given misses.')
 
 

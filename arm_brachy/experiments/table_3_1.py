@@ -2,14 +2,13 @@
 
 import multiprocessing
 import os
+import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numba
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
 from arm_brachy import inprocess
 from arm_brachy.control.goal import task as published_goal
@@ -99,17 +98,18 @@ def _run_all(cell, path):
 
 
 def _in_parallel(jobs):
-    """Job -> what run_task says of it, under a progress bar on stderr."""
+    """Job -> what run_task says of it. Each that is done says so on stderr."""
     workers = min(len(os.sched_getaffinity(0)), len(jobs))
     done = {}
-    with (Progress(console=Console(stderr=True), transient=True) as bar,
-          ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'),
-                              numba.set_num_threads, (1,)) as pool):
-        shown = bar.add_task(NAME, total=len(jobs))
+    # spawn: a fork would copy the threads' locks of numba and MKL but not the threads
+    with ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'),
+                             numba.set_num_threads, (1,)) as pool:
         futures = {pool.submit(run_task, *job): job for job in jobs}
         for future in as_completed(futures):
-            done[futures[future]] = future.result()
-            bar.advance(shown)
+            job = futures[future]
+            done[job] = numbers, _ = future.result()
+            print(f'{NAME}: {len(done)} of {len(jobs)}: {numbers.name}, {job[2]} loop, '
+                  f'{style.MM * _error(numbers):.3f} mm left', file=sys.stderr)
     return done
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.devices.force_sensor import ForceSensor, ForceSensorParams, digitise
+from arm_brachy.scenario import Limits
 
 CONTINUOUS = replace(ForceSensorParams(), resolution=0.0, moment_resolution=0.0)
 EXACT = replace(CONTINUOUS, noise=0.0, moment_noise=0.0)
@@ -37,12 +38,18 @@ def test_noise_is_as_stated():
 
 
 def test_saturates_at_the_range_and_says_so():
-    sample = _watch(EXACT, [30.0, -26.0, 1.0], [0.0, 0.0, 0.0], 0.01)[0]
-    np.testing.assert_array_equal(sample.force, [25.0, -25.0, 1.0])
+    top, top_m = EXACT.range, EXACT.moment_range
+    sample = _watch(EXACT, [top + 5.0, -top - 1.0, 1.0], [0.0, 0.0, 0.0], 0.01)[0]
+    np.testing.assert_array_equal(sample.force, [top, -top, 1.0])
     assert sample.saturated
-    sample = _watch(EXACT, [1.0, 0.0, 0.0], [0.0, 0.3, 0.0], 0.01)[0]
-    assert sample.moment[1] == 0.25
+    sample = _watch(EXACT, [1.0, 0.0, 0.0], [0.0, 1.2 * top_m, 0.0], 0.01)[0]
+    assert sample.moment[1] == top_m
     assert sample.saturated
+
+
+def test_the_supervisor_can_see_its_limit():
+    """A push along one axis clips at the range; clipped below the limit, it would never stop."""
+    assert ForceSensorParams().range > Limits().pad_force
 
 
 @pytest.mark.parametrize('resolution', [0.00625, 0.1])

@@ -2,7 +2,7 @@
 
 import inspect
 
-from arm_brachy.experiments import EXPERIMENTS
+from arm_brachy.experiments.catalogue import EXPERIMENTS
 
 
 def test_every_experiment_is_called_with_a_folder():

@@ -41,13 +41,13 @@ class ActuatorLag(ActuationTerm):
     delay: float = quantity(
         0.0, 'ms', 'dead time before the motor answers', low=0.0, high=5000.0,
         prior=('uniform', 0.0, 100.0), typical=20.0,
-        source='one 50 Hz period of an RC-servo command (Actuonix L16-R) is 20 ms')
+        source='one period of the usual 50 Hz RC-servo command (Actuonix L16-R) is 20 ms')
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='actuator_lag', kind=Kind.ACTUATION, stage=Stage.SETPOINT,
         summary='the motor follows its set point late',
         equation="tau y'(t) + y(t) = u(t - D)",
-        source='Franklin, Powell, Emami-Naeini, Feedback Control of Dynamic Systems, ch. 3',
+        source='definition: first-order lag with dead time',
         invisible_when='only rest positions are recorded; with one constant speed and no hold it '
                        'equals an offset; without the encoder it equals a clock offset')
 

@@ -31,7 +31,7 @@ class Backlash(ActuationTerm):
         name='backlash', kind=Kind.ACTUATION, stage=Stage.TRANSMISSION,
         summary='the pad lags the motor by a fixed width after every reversal',
         equation='y(t) = min(max(y(t-), u(t) - w), u(t))',
-        source='play operator: Visintin 1994, Differential Models of Hysteresis, ch. III',
+        source='play operator: Visintin 1994, Differential Models of Hysteresis',
         invisible_when='pads only ever move one way (then it is an offset), or neither a pad '
                        'marker nor a marker on the tissue is seen across a reversal')
 

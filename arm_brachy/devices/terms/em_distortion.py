@@ -47,7 +47,8 @@ class EmDistortion(SensingTerm):
         name='em_distortion', kind=Kind.SENSING, stage=Stage.EM,
         summary='metal in the field displaces apparent EM positions',
         equation='y = p + (g I + [w]x)(p - c) exp(-|p - c|^2 / (2 L^2)) + k sum_j |d_j|',
-        source='polynomial error models at first order: Kindratenko 2000, Virtual Reality 5:169',
+        source='calibration by polynomials, at first order: survey of Kindratenko 2000, Virtual '
+               'Reality 5:169; the fading is an own choice',
         invisible_when='the sensor does not move (static part) and the pads do not move '
                        '(pad part); one pad and one direction cannot split the two')
 

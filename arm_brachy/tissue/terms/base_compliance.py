@@ -26,19 +26,21 @@ class BaseCompliance(BodyTerm):
     normal: float = quantity(
         1.0, 'kPa_mm', 'foundation modulus along the base normal', low=1e-3, high=1e4,
         prior=('lognormal', 1.0, 5.0), typical=1.0,
-        source='foam of E = 10 kPa, 10 mm thick: E / thickness; rigid in the limit of large '
-               'values')
+        source='engineering judgement: foam of E = 10 kPa, 10 mm thick, E / thickness; rigid in '
+               'the limit of large values')
     tangential: float = quantity(
         1.0, 'kPa_mm', 'foundation modulus along the base', low=1e-3, high=1e4,
         prior=('lognormal', 1.0, 5.0), typical=1.0,
-        source='a glued layer: between G / thickness (a third of normal) and normal')
+        source='engineering judgement: a glued layer, between G / thickness (a third of normal) '
+               'and normal')
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='base_compliance', kind=Kind.BOUNDARY, stage=Stage.BODY,
         summary='the base under the tissue gives',
         equation='K_a = sum over base faces f at node a of A_f / 3 '
                  '[normal n n^T + tangential (I - n n^T)]',
-        source='Winkler foundation: Hetenyi 1946, Beams on Elastic Foundation, ch. 1',
+        source='Winkler 1867, Die Lehre von der Elasticitaet und Festigkeit; Hetenyi 1946, Beams '
+               'on Elastic Foundation',
         invisible_when='no marker lies within about one pad diameter of the base and no base '
                        'marker exists; also where normal, tangential >> E / height')
 

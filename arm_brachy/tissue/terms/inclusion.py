@@ -34,8 +34,8 @@ class Inclusion(BodyTerm):
     ratio: float = quantity(
         1.0, '', 'modulus inside over modulus outside', low=0.1, high=100.0,
         prior=('lognormal', 2.0, 2.5), typical=5.0,
-        source='invasive tumour 3-12 x normal gland (Krouskop et al. 1998, Ultrason Imaging '
-               '20:260); neutral at 1')
+        source='malignant tumours 3-6 x, high-grade ductal carcinoma up to 13 x fibroglandular '
+               'tissue (Samani et al. 2007, Phys Med Biol 52:1565); neutral at 1')
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='inclusion', kind=Kind.TISSUE, stage=Stage.BODY,

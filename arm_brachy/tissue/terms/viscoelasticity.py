@@ -13,8 +13,9 @@ from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
 from arm_brachy.tissue.element import edge_matrices
 from arm_brachy.tissue.material import inverse_transpose
 
-_SOURCE = ('creep of glandular tissue in vivo: 3.2 +- 0.8 s and 42 +- 28 s, viscous about equal '
-           'to elastic strain (Sridhar & Insana 2007, Med Phys 34:4757)')
+_SOURCE = ('creep of glandular tissue in vivo: retardation times 3.2 +- 0.8 s and 42 +- 28 s, '
+           'viscous about equal to elastic strain (Sridhar & Insana 2007, Med Phys 34:4757); '
+           'relaxation is faster by the ratio of long-term to sudden modulus, within the prior')
 
 
 @dataclass(frozen=True)
@@ -35,9 +36,9 @@ class Viscoelasticity(BodyTerm):
 
     Convention: the modulus of the scene is the LONG-TERM one (it comes from a slow test, and a
     hold ends where the elastic body would be). A sudden load meets mu / (1 - g1 - g2). The volume
-    response does not relax. The convolution is integrated with an exponential recursion
-    that is exact for a stress history linear within a step (Taylor et al. 1970), hence stable for
-    any step: dt = inf means that the body has rested for ever.
+    response does not relax. The convolution is integrated with an exponential recursion that is
+    exact for a stress history linear within a step (Kaliske & Rothert 1997), hence stable for any
+    step: dt = inf means that the body has rested for ever.
 
     Holds for overstress of the order of the elastic stress at strains below about 50 %: the
     kernel does not depend on strain, and dissipation is guaranteed near equilibrium only.
@@ -58,8 +59,8 @@ class Viscoelasticity(BodyTerm):
         summary='rate-dependent force, relaxation in a hold, slow recovery',
         equation='S = S_vol + S_iso + Q_1 + Q_2;  dQ_i/dt + Q_i / tau_i = '
                  'g_i / (1 - g_1 - g_2) dS_iso/dt',
-        source='Simo 1987, CMAME 60:153; Holzapfel 2000, Nonlinear Solid Mechanics, sec. 6.10; '
-               'Taylor, Pister & Goudreau 1970, IJNME 2:45 (recursion)',
+        source='Simo 1987, CMAME 60:153; Holzapfel 2000, Nonlinear Solid Mechanics, ch. 6; '
+               'Kaliske & Rothert 1997, Comput Mech 19:228 (recursion)',
         invisible_when='only positions are recorded, the tissue is homogeneous and nearly '
                        'incompressible and only moved by bonded pads, never released')
 

@@ -1,0 +1,16 @@
+"""What `arm-brachy reproduce` knows: one module per published table, figure or recording.
+
+Each module has a NAME, as on the command line, and `reproduce(folder)`, which takes the folder
+(Path, existing) for its figures and returns an evaluation Result.
+"""
+
+from arm_brachy.experiments import (
+    dome_rig,
+    figure_3_2,
+    model_verification,
+    silicone_beam,
+    table_3_1,
+)
+
+EXPERIMENTS = {module.NAME: module.reproduce
+               for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig)}

@@ -1,0 +1,149 @@
+"""A recording beside a prediction: streams, registration, regimes, pages."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from arm_brachy.core.random import stream
+from arm_brachy.core.scene import Marker, Material, MeshFile, Region, Scene, Target
+from arm_brachy.evaluate import comparisons
+from arm_brachy.evaluation import residual_report
+from arm_brachy.evaluation.timeseries import EmSamples, OpticalFrames, PadMark, RunData, Series
+from arm_brachy.offline import Prediction
+
+T = np.arange(0.0, 8.0, 0.01)
+RNG_SEED = 3
+NOISE = 0.05e-3     # m, per axis
+MARKERS = {'a': (0.0, 0.0, 0.05), 'b': (0.03, 0.0, 0.04), 'c': (0.0, 0.03, 0.04),
+           'd': (-0.03, -0.02, 0.03)}
+TARGETS = {'e': (0.0, 0.0, 0.02)}
+PUSH = np.interp(T, [0, 1, 2, 4, 5, 8], [0, 0, 5e-3, 5e-3, 0, 0])
+WAY = np.array([0.0, 0.2, -0.6])
+
+
+def cell(release=None):
+    scene = Scene('dome', MeshFile('none.msh'), Region('box'), Material(),
+                  markers=tuple(Marker(n, p) for n, p in MARKERS.items()),
+                  targets=tuple(Target(n, p) for n, p in TARGETS.items()))
+    return SimpleNamespace(scene=scene, model=scene,
+                           scenario=SimpleNamespace(release=release, seed=1))
+
+
+def prediction(motion):
+    rest = np.array([*MARKERS.values(), *TARGETS.values()])
+    force = motion[:, None, None] * np.array([[-400.0, 0.0, 0.0]])
+    return Prediction(T, (*MARKERS, *TARGETS), rest + motion[:, None, None] * WAY, ('press',),
+                      force)
+
+
+def taken(predicted, *, X=None, gain=1.0, force_gain=1.0):
+    """What instruments see if the truth moves `gain` times as much, in a frame that X moved."""
+    rng = stream(RNG_SEED, 'taken')
+    rest = predicted.points[0]
+    points = rest + gain * (predicted.points - rest)
+    if X is not None:
+        points = X[0].apply(points.reshape(-1, 3)).reshape(points.shape) + X[1]
+    points = points + NOISE * rng.standard_normal(points.shape)
+    visible = np.ones((len(T), 4), dtype=bool)
+    visible[300:320, 1] = False
+    em = EmSamples(T[::4], points[::4, 4], np.full(len(T[::4]), np.nan), np.zeros(len(T[::4])))
+    force = force_gain * predicted.force + 0.02 * rng.standard_normal(predicted.force.shape)
+    return RunData('taken', '', 1, '', '', encoder=Series(T, PUSH[:, None]),
+                   optical=OpticalFrames(T, tuple(MARKERS), points[:, :4], visible),
+                   em={'e': em}, force=Series(T, force), force_pads=('press',),
+                   pads=(PadMark('press', np.zeros(3), np.array([1.0, 0, 0])),))
+
+
+def test_perfect_model_leaves_the_noise_in_every_stream():
+    predicted = prediction(PUSH)
+    streams = comparisons(taken(predicted), cell(), predicted)
+    assert list(streams) == ['optical', 'em', 'force']
+    for name, expected in (('optical', NOISE), ('em', NOISE), ('force', 0.02)):
+        data = streams[name]
+        for row in residual_report.residuals.marker_residuals(data):
+            if row.regime == 'all':
+                assert row.rms == pytest.approx(np.sqrt(3) * expected, rel=0.06)
+        floor = residual_report.floor_of(data)
+        assert floor == pytest.approx(np.sqrt(3) * expected, rel=0.12)
+
+
+def test_registration_takes_out_a_rigid_motion_and_no_more():
+    predicted = prediction(PUSH)
+    X = Rotation.from_rotvec(np.radians(0.3) * np.array([0, 0.6, 0.8])), [2e-4, -1e-4, 3e-4]
+    data = comparisons(taken(predicted, X=X, gain=0.8), cell(), predicted)['optical']
+    rows = {(row.marker, row.regime): row
+            for row in residual_report.residuals.marker_residuals(data, np.full(4, NOISE))}
+    for marker in MARKERS:
+        assert np.linalg.norm(rows[marker, 'rest'].bias) < 3e-5
+        assert rows[marker, 'all'].gain == pytest.approx(0.8, abs=0.01)
+        # A fifth of the motion at 5 mm push stays, registration or not.
+        assert np.linalg.norm(rows[marker, 'hold'].bias) == pytest.approx(
+            0.2 * 5e-3 * np.linalg.norm(WAY), rel=0.05)
+    assert 'Registered over the first 1.' in data.statement
+    assert np.nanmax(data.registration) < 3e-5
+
+
+def test_em_sensors_are_shifted_only():
+    predicted = prediction(PUSH)
+    X = Rotation.identity(), [5e-4, 0.0, 0.0]
+    data = comparisons(taken(predicted, X=X), cell(), predicted)['em']
+    assert np.nanmean(data.measured[:, 0] - data.predicted[:, 0], axis=0) == pytest.approx(
+        np.zeros(3), abs=2e-5)
+
+
+def test_regimes_follow_the_pads():
+    predicted = prediction(PUSH)
+    data = comparisons(taken(predicted), cell(), predicted)['optical']
+    assert [g.name for g in data.regimes] == ['rest', 'load', 'hold', 'unload', 'rest']
+    starts = [g.t_start for g in data.regimes]
+    assert starts == pytest.approx([0.0, 1.0, 2.0, 4.0, 5.0], abs=0.12)
+
+
+def test_force_rows_are_per_pad_and_component_in_newton():
+    predicted = prediction(PUSH)
+    data = comparisons(taken(predicted, force_gain=0.5), cell(), predicted)['force']
+    result = residual_report.to_result(data)
+    hold = next(row for row in result.rows if row['regime'] == 'hold')
+    assert hold['pad'] == 'press'
+    assert hold['bias_x_N'] == pytest.approx(0.5 * 400.0 * 5e-3, rel=0.06)
+    assert hold['rms_y_N'] == pytest.approx(0.02, rel=0.2)
+
+
+def test_release_splits_into_held_ringing_settled_and_gives_the_mode(tmp_path):
+    release, f, zeta = 1.0, 4.0, 0.05
+    since = np.maximum(T - release, 0.0)
+    w = 2 * np.pi * f
+    fall = 10e-3 * (1 - np.exp(-zeta * w * since) * np.cos(w * since))
+    stiff = 6e-3 * (1 - np.cos(2 * np.pi * 5.5 * since))
+    predicted = prediction(stiff)
+    truth = prediction(fall)
+    run = taken(truth)
+    run = RunData('taken', 'seed: 1', 1, '', '', optical=run.optical)
+    data = comparisons(run, cell(release), predicted)['optical']
+    assert [g.name for g in data.regimes] == ['held', 'ringing', 'settled']
+    # exp(-zeta w t) = 0.02 at the end of the ringing, to within a period
+    assert data.regimes[2].t_start == pytest.approx(release + np.log(50) / (zeta * w), abs=1 / f)
+    result = residual_report.to_result(data)
+    free = [row for row in result.rows if row['regime'] == 'free vibration']
+    assert [row['marker'] for row in free] == list(MARKERS)
+    for row in free:
+        assert row['frequency_measured_Hz'] == pytest.approx(f, rel=0.01)
+        assert row['damping_ratio_measured'] == pytest.approx(zeta, rel=0.1)
+        assert row['frequency_model_Hz'] == pytest.approx(5.5, rel=0.01)
+        assert row['damping_ratio_model'] == pytest.approx(0.0, abs=1e-3)
+        assert row['sag_z_measured_mm'] == pytest.approx(-6.0, abs=0.1)
+    page = residual_report.write_residual_report(data, tmp_path / 'page.html')
+    text = page.read_text(encoding='utf-8')
+    assert 'Free vibration' in text
+    assert 'No parameter was fitted.' in text
+    json.loads(result.to_json())
+
+
+def test_streams_the_model_knows_nothing_of_are_left_out():
+    predicted = prediction(PUSH)
+    bare = Prediction(T, ('other',), predicted.points[:, :1], (), np.zeros((len(T), 0, 3)))
+    assert comparisons(taken(predicted), cell(), bare) == {}
+    assert comparisons(taken(predicted), cell(), None) == {}
