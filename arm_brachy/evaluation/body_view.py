@@ -9,7 +9,6 @@ from matplotlib.patheffects import withStroke
 from arm_brachy.evaluation.deformation import boundary_triangles
 from arm_brachy.evaluation.style import GOAL, INK, MM, Plate, new_figure, styled
 
-
 LEAST_SPAN = 0.1    # mm, so that a body at rest does not show its rounding errors in colour
 HALO = (withStroke(linewidth=2.0, foreground='white'),)
 HEAD_ON = 0.8       # cosine beyond which a pad points along the line of sight

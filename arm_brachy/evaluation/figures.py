@@ -4,8 +4,18 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
 from arm_brachy.evaluation import metrics
-from arm_brachy.evaluation.style import (BAND, GOAL, INK, MEASURED, MM, TRUTH, Plate, colour,
-                                         new_figure, styled)
+from arm_brachy.evaluation.style import (
+    BAND,
+    GOAL,
+    INK,
+    MEASURED,
+    MM,
+    TRUTH,
+    Plate,
+    colour,
+    new_figure,
+    styled,
+)
 
 AXIS_NAMES = ('x', 'y', 'z')
 LEAST_SPAN = 2.0  # mm, so that noise on an axis at rest does not look like motion
@@ -177,7 +187,7 @@ def streams(run, qualities, *, bin_width=0.5):
     return Plate('streams', figure, (
         f'Messages per {bin_width:g} s of every topic, relative to its own usual rate: grey as '
         'usual, red too few, blue too many. Ticks: single messages of topics without a rate. '
-        'Right: mean rate and messages lost, by the publishers\' sequence counters.'))
+        "Right: mean rate and messages lost, by the publishers' sequence counters."))
 
 
 def _flow(stamps, edges):

@@ -3,8 +3,17 @@
 import numpy as np
 
 from arm_brachy.evaluation import body_view, figures
-from arm_brachy.evaluation.page import (Cell, Column, Fact, Grid, Verdict, number, pictures,
-                                        provenance, write_page)
+from arm_brachy.evaluation.page import (
+    Cell,
+    Column,
+    Fact,
+    Grid,
+    Verdict,
+    number,
+    pictures,
+    provenance,
+    write_page,
+)
 from arm_brachy.evaluation.result import cell_text
 
 MM = 1e3
@@ -125,7 +134,7 @@ def _task_grid(numbers):
     limit = numbers.goals.steady_state_error
     note = (f'ITAE (3.30) and errors on the controlled axes. Steady-state error: mean distance '
             f'from the goal over the last {numbers.goals.window:g} s; measured by EM it contains '
-            f'the tracker\'s noise. Settling: time after which the distance stays within '
+            f"the tracker's noise. Settling: time after which the distance stays within "
             f'{limit * MM:g} mm. Overshoot is negative where the goal was not reached. Overshoot, '
             f'rise and settling from {_source(numbers.tasks)}. Pad travel: summed over the '
             f'pads. A dash: cannot be said.')
@@ -176,7 +185,7 @@ def _topic_grid(run, numbers):
                      Cell(number(q.rate, 1)), Cell(number(q.jitter * 1e3)),
                      Cell(number(q.longest_gap * 1e3, 1))))
     return Grid(TOPIC_COLUMNS, tuple(rows), (
-        'Lost: messages published, by the publishers\' sequence counters, less those recorded. '
+        "Lost: messages published, by the publishers' sequence counters, less those recorded. "
         'Rate, jitter (standard deviation of the interval) and longest gap from header stamps; '
         'for topics that speak only now and then they mean little.'))
 

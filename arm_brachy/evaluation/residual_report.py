@@ -3,8 +3,17 @@
 import numpy as np
 
 from arm_brachy.evaluation import body_view, regimes, residual_figures, residuals, vibration
-from arm_brachy.evaluation.page import (Cell, Column, Fact, Grid, Verdict, number, pictures,
-                                        provenance, write_page)
+from arm_brachy.evaluation.page import (
+    Cell,
+    Column,
+    Fact,
+    Grid,
+    Verdict,
+    number,
+    pictures,
+    provenance,
+    write_page,
+)
 from arm_brachy.evaluation.residual_figures import WORDS
 from arm_brachy.evaluation.result import Result
 

@@ -206,7 +206,7 @@ def _require_complete(path):
 
 
 def _mend(path):
-    return f'run `arm-brachy recover {path} NEW_BAG`'
+    return f'run `arm-brachy recover {path} --out NEW_BAG`'
 
 
 @contextmanager

@@ -7,9 +7,18 @@ import pytest
 from scipy.spatial import Delaunay
 
 from arm_brachy.core.random import stream
-from arm_brachy.evaluation.timeseries import (EmSamples, NodeOutcome, PadMark, Regime,
-                                              ResidualData, RunData, Series, TaskWindow, Tissue,
-                                              TopicRecord)
+from arm_brachy.evaluation.timeseries import (
+    EmSamples,
+    NodeOutcome,
+    PadMark,
+    Regime,
+    ResidualData,
+    RunData,
+    Series,
+    TaskWindow,
+    Tissue,
+    TopicRecord,
+)
 
 TAU = 0.8           # s, time constant of the made-up loop
 STEP = 5e-3         # m

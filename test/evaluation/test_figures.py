@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from arm_brachy.evaluation import (assess, body_view, comparison, figures, residual_figures,
-                                   residuals)
+from arm_brachy.evaluation import (
+    assess,
+    body_view,
+    comparison,
+    figures,
+    residual_figures,
+    residuals,
+)
 from arm_brachy.evaluation.deformation import boundary_triangles
 from arm_brachy.evaluation.thesis import TABLE_3_1, Manipulation
 

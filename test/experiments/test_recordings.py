@@ -7,7 +7,8 @@ from arm_brachy.core.errors import InputError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.evaluate import comparisons
 from arm_brachy.evaluation.residual_report import floor_of
-from arm_brachy.experiments import dome_rig, recordings as places, silicone_beam
+from arm_brachy.experiments import dome_rig, silicone_beam
+from arm_brachy.experiments import recordings as places
 from arm_brachy.offline import Prediction, load_run, with_scene
 from arm_brachy.recording.import_csv import import_csv
 from arm_brachy.recording.scene_import import import_scene

@@ -1,4 +1,4 @@
-"""The manipulator's services, live at wall pace, fed by a bench that plays encoders and tracker."""
+"""The manipulator's services, live at wall pace, fed by a bench that plays encoders and EM."""
 
 import time
 
@@ -14,7 +14,6 @@ from arm_brachy import graph
 from arm_brachy.core.scene import load_scene
 from arm_brachy.nodes import convert
 from arm_brachy.nodes.ticker import message_type, offered
-from arm_brachy.scenario import load_cell
 from arm_brachy_msgs.msg import ActuatorCommand
 from arm_brachy_msgs.srv import SetGoal
 
