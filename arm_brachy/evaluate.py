@@ -13,6 +13,7 @@ from arm_brachy.evaluation.assess import assess, to_result
 from arm_brachy.evaluation.report import write_report
 from arm_brachy.evaluation.residual_report import to_result as residual_result
 from arm_brachy.evaluation.residual_report import write_residual_report
+from arm_brachy.evaluation.residuals import noise_floor
 from arm_brachy.evaluation.result import commit_of, machine_description
 from arm_brachy.evaluation.timeseries import ResidualData
 from arm_brachy.offline import load_run, recorded_cell, recorded_prediction, with_scene
@@ -138,7 +139,7 @@ def _at(t, tt, values):
 
 def _regimes(run, cell, t, measured):
     if cell.scenario.release is not None:
-        return regimes.release_regimes(t, measured, cell.scenario.release)
+        return regimes.release_regimes(t, measured, cell.scenario.release, noise_floor(measured))
     if run.encoder is not None and run.encoder.values.shape[1]:
         return regimes.pad_regimes(run.encoder)
     return ()

@@ -320,15 +320,22 @@ def predict(cell, t_end, encoder=None):
                              f'{cell.scene.name} {p} pads; give the scene it was made with')
     readings = list(_readings(body, ticks(cell, t_end), encoder if p else None))
     if not readings:
-        raise RecordingError(f'the recording ends at {t_end:g} s, before the model was asked once; '
-                             f'tick_ms is {cell.tick_ns * 1e-6:g}')
-    shown = readings[::max(1, round(1.0 / (cell.scenario.mesh_rate * cell.scenario.tick)))]
+        raise RecordingError(f'the recording ends at {t_end:g} s, before the model was asked '
+                             f'once; tick_ms is {cell.tick_ns * 1e-6:g}')
+    shown = _at_mesh_rate(readings, cell.scenario.mesh_rate)
     tissue = Tissue(np.array([r.t for r in shown]), np.stack([r.x for r in shown]),
                     body.mesh.nodes, body.mesh.tets)
     return Prediction(np.array([r.t for r in readings]), body.point_names,
                       np.stack([r.points for r in readings]), body.pad_names,
                       np.stack([r.pad_force for r in readings]), tissue,
                       sum(not r.outcome.ok for r in readings))
+
+
+def _at_mesh_rate(readings, rate):
+    """The first reading of every period of the mesh topic, as the tissue node publishes them."""
+    period_ns = round(1e9 / rate)
+    periods = [round(r.t * 1e9) // period_ns for r in readings]
+    return [r for i, r in enumerate(readings) if i == 0 or periods[i] > periods[i - 1]]
 
 
 def _readings(body, times, encoder):

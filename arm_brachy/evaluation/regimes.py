@@ -12,6 +12,7 @@ IDLE = (REST, HOLD, HELD, SETTLED)
 WINDOW = 0.2        # s
 STILL = 0.5e-3      # m/s
 TOUCH = 0.1e-3      # m, pushed less than this counts as not pushed
+NOISE_PEAK = 3.0    # times the rms norm of Gaussian noise: exceeded once in 10^5 samples
 BAND = 0.02         # of the largest departure: the usual 2 % band of a settling time
 
 
@@ -35,16 +36,17 @@ def pad_regimes(encoder):
     return _runs(t, label)
 
 
-def release_regimes(t, measured, release):
+def release_regimes(t, measured, release, floor):
     """Split a recording of a body that is let go: held, ringing, settled.
 
-    t : (n,) [s];  measured : (n, k, 3) [m];  release : [s]
+    t : (n,) [s];  measured : (n, k, 3) [m];  release : [s];  floor : (k,) [m] rms noise norm
     Settled: from then on no marker departs from its final mean (over the last tenth) by more than
-    2 % of the largest departure of all.
+    2 % of the largest departure of all, or than what noise does.
     """
     final = np.nanmean(measured[-max(1, len(t) // 10):], axis=0)
     departure = np.linalg.norm(measured - final, axis=2)
-    outside = np.nan_to_num(departure).max(axis=1) > BAND * np.nanmax(departure)
+    allowed = np.maximum(BAND * np.nanmax(departure), NOISE_PEAK * np.nan_to_num(floor))
+    outside = (np.nan_to_num(departure) > allowed).any(axis=1)
     settled = t[min(np.flatnonzero(outside).max(initial=0) + 1, len(t) - 1)]
     label = np.select([t <= release, t < settled], [HELD, RINGING], SETTLED)
     return _runs(t, label)

@@ -19,7 +19,8 @@ class Words:
     scale: float
 
 
-WORDS = {'position': Words('marker', 'markers', 'mm', 1e3), 'force': Words('pad', 'pads', 'N', 1.0)}
+WORDS = {'position': Words('marker', 'markers', 'mm', 1e3),
+         'force': Words('pad', 'pads', 'N', 1.0)}
 SHADES = ('#f6f1dd', '#dde9f3', '#e2f1dc', '#f5e0ea', '#e6e6e6')
 FEW = 6  # up to so many stretches each is named in the panel, beyond that in the caption only
 

@@ -65,7 +65,7 @@ class Result:
         return text
 
     def table(self, console):
-        """Print rows and targets on a rich Console; rows with other columns get their own table."""
+        """Print rows and targets on a rich Console; rows with other keys get their own table."""
         for columns, rows in itertools.groupby(self.rows, key=tuple):
             self._print_whole(console, _row_table(self.name, columns, list(rows)))
         if self.targets:

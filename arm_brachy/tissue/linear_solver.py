@@ -129,7 +129,6 @@ def _parameters(positive_definite):
     iparm[7] = 0    # no iterative refinement: the Newton iteration is the refinement
     iparm[9] = 8    # pivots below 1e-8 |A| are perturbed (indefinite matrices)
     iparm[20] = 1   # 1 x 1 and 2 x 2 Bunch-Kaufman pivots (indefinite matrices)
-    iparm[22] = 0 if positive_definite else -1  # ask for the inertia
     iparm[34] = 1   # indices count from 0
     return iparm
 

@@ -120,7 +120,9 @@ def test_failure_holds_the_last_good_state_and_recovers(dynamics):
     drive(spared)
     expected = spared.step(0.34, push(4e-3))
     assert recovered.outcome.ok
-    np.testing.assert_array_equal(recovered.x, expected.x)
+    # The quasi-static solver keeps its last factor, which the failure has changed: equal states,
+    # but to the solver's tolerance of 1e-10 m and not to the bit.
+    np.testing.assert_allclose(recovered.x, expected.x, rtol=0.0, atol=1e-9)
 
 
 def test_a_command_that_is_not_finite_is_rejected():
