@@ -22,6 +22,7 @@ class Words:
 WORDS = {'position': Words('marker', 'markers', 'mm', 1e3),
          'force': Words('pad', 'pads', 'N', 1.0)}
 SHADES = ('#f6f1dd', '#dde9f3', '#e2f1dc', '#f5e0ea', '#e6e6e6')
+NARROW = 0.12  # of the axis; a narrower stretch has no room for its name
 FEW = 6  # up to so many stretches each is named in the panel, beyond that in the caption only
 
 
@@ -86,7 +87,7 @@ def _shade_regimes(axis, data, *, named):
     shade = dict(zip(_regime_names(data), SHADES, strict=False))
     for regime in data.regimes:
         axis.axvspan(regime.t_start, regime.t_end, color=shade[regime.name], lw=0, zorder=0)
-        if named:
+        if named and regime.t_end - regime.t_start > NARROW * (data.t[-1] - data.t[0]):
             axis.text(regime.t_start, 0.97, ' ' + regime.name, fontsize=7, va='top',
                       color='#55636e', transform=axis.get_xaxis_transform())
 

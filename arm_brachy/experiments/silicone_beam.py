@@ -136,7 +136,7 @@ def beam_theory(scene):
 
     scene : core.scene.Scene of the beam, for E, density, gravity and loads
     Small deflections. The sag is Timoshenko's, shear coefficient 5/6: shear adds 11 % under the
-    own weight of this stocky beam and 8 % under a tip load. The frequency is Euler and Bernoulli's,
+    own weight of this stocky beam, 8 % under a tip load. The frequency is Euler and Bernoulli's,
     which leaves shear out and is some 5 % high for it; with a load by Rayleigh's 33/140 of the
     beam's mass at the tip, good to 1.5 %.
     """
