@@ -1,4 +1,4 @@
-"""cell.launch.py starts the same processes as `arm-brachy run`; `launch` itself is stood in for."""
+"""cell.launch.py starts the same processes as `arm-brachy run`; `launch` is stood in for."""
 
 import importlib.util
 import sys

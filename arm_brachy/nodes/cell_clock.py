@@ -11,8 +11,8 @@ from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.nodes import parameters
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.spin import spin_node
-from arm_brachy.nodes.ticker import asked, offered
-from arm_brachy_msgs.msg import TaskState, TickDone
+from arm_brachy.nodes.ticker import listen_to, publish_to
+from arm_brachy_msgs.msg import TaskState
 
 PATIENCE_S = 60.0  # longest wait for one answer before the run is given up; a first solve compiles
 
@@ -36,12 +36,10 @@ class CellClock(Node):
         self._tick, self._tasks, self._tasks_due = 0, [], 0
         self._began = self._last_answer = time.monotonic()
         self._progress = Progress()
-        self._pub = self.create_publisher(Clock, graph.CLOCK.name, offered(graph.CLOCK))
+        self._pub = publish_to(self, graph.CLOCK)
         for peer in sorted(self._answers):
-            topic = graph.TICK_DONE.at(node=peer)
-            self.create_subscription(TickDone, topic.name, self._on_done, asked(topic, True))
-        self.create_subscription(TaskState, graph.TASK.name, self._on_task,
-                                 asked(graph.TASK, True))
+            listen_to(self, graph.TICK_DONE.at(node=peer), self._on_done, lockstep=True)
+        listen_to(self, graph.TASK, self._on_task, lockstep=True)
         self.create_timer(1.0, self._watch)
 
     def _on_task(self, msg):

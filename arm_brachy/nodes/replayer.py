@@ -1,6 +1,7 @@
 """Feeds a recording back to live nodes, as the clock and the nodes that are not there."""
 
 import time
+from dataclasses import replace
 
 from rclpy.node import Node
 from rclpy.time import Time
@@ -11,7 +12,7 @@ from arm_brachy.core.errors import ArmBrachyError, ConfigError, RecordingError
 from arm_brachy.nodes import parameters
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.spin import spin_node
-from arm_brachy.nodes.ticker import asked, message_type, offered
+from arm_brachy.nodes.ticker import listen_to, publish_to
 from arm_brachy.recording.reader import BagReader
 from arm_brachy_msgs.msg import TickDone
 
@@ -37,10 +38,9 @@ class ReplayerNode(Node):
         self._absent = setup.absent
         self._live = tuple(p for p in setup.peers
                            if p not in setup.absent and p != graph.CELL_CLOCK.name)
-        self._clock_pub = self.create_publisher(Clock, graph.CLOCK.name, offered(graph.CLOCK))
-        self._done_pubs = {n: self.create_publisher(
-            TickDone, graph.TICK_DONE.at(node=n).name, offered(graph.TICK_DONE))
-            for n in self._absent}
+        self._clock_pub = publish_to(self, graph.CLOCK)
+        self._done_pubs = {n: publish_to(self, graph.TICK_DONE.at(node=n))
+                           for n in self._absent}
         self._pubs, self._voice, self._counts = {}, {}, {}
         for name, topic in self._bag.topics().items():
             self._adopt(name, topic.type)
@@ -53,8 +53,7 @@ class ReplayerNode(Node):
         self._tick, self._answers = 0, dict.fromkeys(self._live, -1)
         self._progress, self._heard = Progress(), time.monotonic()
         for name in self._live:
-            topic = graph.TICK_DONE.at(node=name)
-            self.create_subscription(TickDone, topic.name, self._on_done, asked(topic, True))
+            listen_to(self, graph.TICK_DONE.at(node=name), self._on_done, lockstep=True)
         self.create_timer(0.1, self._announce)
 
     def _adopt(self, name, type_name):
@@ -66,7 +65,10 @@ class ReplayerNode(Node):
         speakers = graph.writers(local, [n.name for n in graph.NODES])
         if len(speakers) != 1 or speakers[0] not in self._absent:
             return
-        self._pubs[name] = self.create_publisher(message_type(type_name), local, offered(short))
+        if type_name != short.type:
+            raise RecordingError(f'{self._bag.path}: {name} is recorded as {type_name}; must be '
+                                 f'{short.type}')
+        self._pubs[name] = publish_to(self, replace(short, name=local))
         self._voice[name], self._counts[name] = (speakers[0], local), 0
 
     def _readers_found(self):

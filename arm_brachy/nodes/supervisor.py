@@ -11,8 +11,8 @@ from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.spin import spin_node
-from arm_brachy.nodes.ticker import Ticker, asked
-from arm_brachy_msgs.msg import SafetyState, TickDone
+from arm_brachy.nodes.ticker import Ticker, listen_to
+from arm_brachy_msgs.msg import SafetyState
 
 
 class SupervisorNode(Node):
@@ -50,8 +50,7 @@ class SupervisorNode(Node):
         """At wall pace a silent node is a hold; in lockstep the clock waits, so nothing moves."""
         for peer in set(peers) - {graph.SUPERVISOR.name, graph.CELL_CLOCK.name,
                                   graph.RECORDER.name}:
-            topic = graph.TICK_DONE.at(node=peer)
-            self.create_subscription(TickDone, topic.name, self._on_alive, asked(topic, False))
+            listen_to(self, graph.TICK_DONE.at(node=peer), self._on_alive, lockstep=False)
 
     def _on_alive(self, msg):
         self._heard[msg.node] = time.monotonic()

@@ -10,6 +10,7 @@ machine is. Wall. A timer fires every tick and the node works with what has arri
 import importlib
 from collections import deque
 
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.time import Time
@@ -20,6 +21,10 @@ from arm_brachy.core.errors import InputError
 from arm_brachy_msgs.msg import TickDone
 
 READY_PERIOD_S = 0.1
+# rclpy's default event handlers (two per publisher and subscription, to log a mismatch of QoS that
+# graph.py rules out) take part in every wait and make it three times as long.
+_NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
+_NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 LOSSLESS_DEPTH = 1000  # a burst at start-up (nodes slow to import) must not push anything out
 
 
@@ -47,6 +52,19 @@ def _profile(depth, reliable, latched):
         history=HistoryPolicy.KEEP_LAST, depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+
+
+def publish_to(node, topic):
+    """Create the publisher of a graph.Topic."""
+    return node.create_publisher(message_type(topic.type), topic.name, offered(topic),
+                                 event_callbacks=_NO_PUBLISHER_EVENTS)
+
+
+def listen_to(node, topic, callback, *, lockstep, raw=False):
+    """Create the subscription of a graph.Topic; raw = the callback gets bytes."""
+    return node.create_subscription(message_type(topic.type), topic.name, callback,
+                                    asked(topic, lockstep), raw=raw,
+                                    event_callbacks=_NO_SUBSCRIPTION_EVENTS)
 
 
 class Inbox:
@@ -98,8 +116,7 @@ class Ticker:
         self._done = {}          # upstream -> {tick: counts by topic}
         self._ticks = deque()    # (tick, t_ns) announced and not yet answered
         self._tick, self._busy, self._started = 0, False, False
-        self._done_pub = node.create_publisher(
-            TickDone, graph.TICK_DONE.at(node=spec.name).name, offered(graph.TICK_DONE))
+        self._done_pub = publish_to(node, graph.TICK_DONE.at(node=spec.name))
 
     @property
     def answered(self):
@@ -113,7 +130,7 @@ class Ticker:
 
     def publisher(self, topic):
         """Create the publisher of a graph.Topic; returns a callable that publishes and counts."""
-        pub = self._node.create_publisher(message_type(topic.type), topic.name, offered(topic))
+        pub = publish_to(self._node, topic)
         self._publishers[topic.name] = pub
         self._counts[topic.name] = 0
 
@@ -133,8 +150,7 @@ class Ticker:
             inbox.put(msg)
             self._advance()
 
-        self._node.create_subscription(message_type(topic.type), topic.name, arrived,
-                                       asked(topic, self.lockstep), raw=raw)
+        listen_to(self._node, topic, arrived, lockstep=self.lockstep, raw=raw)
 
     def start(self):
         """Begin to tick; call it once all publishers and subscriptions exist."""
@@ -144,11 +160,9 @@ class Ticker:
             return
         for upstream in sorted({*self._spec.same, *self._spec.previous} & self._peers):
             self._done[upstream] = {}
-            topic = graph.TICK_DONE.at(node=upstream)
-            self._node.create_subscription(TickDone, topic.name, self._on_done,
-                                           asked(topic, True), raw=True)
-        self._node.create_subscription(Clock, graph.CLOCK.name, self._on_clock,
-                                       asked(graph.CLOCK, True), raw=True)
+            listen_to(self._node, graph.TICK_DONE.at(node=upstream), self._on_done,
+                      lockstep=True, raw=True)
+        listen_to(self._node, graph.CLOCK, self._on_clock, lockstep=True, raw=True)
         self._ready_timer = self._node.create_timer(READY_PERIOD_S, self._announce_ready)
 
     def drain(self):
