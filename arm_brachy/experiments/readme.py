@@ -1,0 +1,111 @@
+"""Writes the generated parts of README.md: nodes, terms, and what the files in results/ say.
+
+`python -m arm_brachy.experiments.readme` rewrites what stands between `<!-- NAME: ... -->` and
+`<!-- end -->`; a test holds the README to it.
+"""
+
+import json
+import re
+
+import numpy as np
+
+from arm_brachy import graph, registry
+from arm_brachy.core.paths import share_dir
+
+SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
+
+
+def rendered(text, results):
+    """Return the README text with every generated section made anew.
+
+    results : folder with the JSON files of `arm-brachy reproduce` and `arm-brachy run`
+    """
+    return SECTION.sub(lambda m: m[1] + '\n' + BUILDERS[m[2]](results) + '\n\n' + m[3], text)
+
+
+def _nodes(results):
+    return graph.documentation_table()
+
+
+def _terms(results):
+    lines = ['| term | kind | what is added |', '|---|---|---|']
+    for term in registry.TERMS:
+        spec = term.spec
+        lines.append(f'| `{spec.name}` | {spec.kind.value} | {spec.summary} |')
+    return '\n'.join(lines)
+
+
+def _results(results):
+    lines = ['| what | published | here | command |', '|---|---|---|---|']
+    for row in (*_cell_rows(results), *_thesis_rows(results), *_recording_rows(results)):
+        lines.append('| ' + ' | '.join(row) + ' |')
+    return '\n'.join(lines)
+
+
+def _load(results, name):
+    return json.loads((results / f'{name}.json').read_text(encoding='utf-8'))
+
+
+def _cell_rows(results):
+    rows = _load(results, 'target_1')['rows']
+    worst = max(r['steady_state_error_truth_mm'] for r in rows)
+    yield ('target 1, three tasks through the graph: largest steady-state error', '"minimal"',
+           f'{worst:.3f} mm', '`arm-brachy run config/scenarios/target_1.yaml`')
+
+
+def _thesis_rows(results):
+    rows = _load(results, 'table-3.1')['rows']
+    command = '`reproduce table-3.1`'
+    for loop in ('open', 'closed'):
+        yield (f'Table 3.1, 15 rows: ITAE, {loop} loop', _span(rows, f'thesis_{loop}_itae_mm_s2'),
+               _span(rows, f'{loop}_itae_mm_s2') + ' mm s²', command)
+    yield ('Table 3.1: steady-state error, open loop',
+           _span(rows, 'thesis_open_error_mm', 2) + ' mm', _span(rows, 'open_error_mm', 2) + ' mm',
+           command)
+    yield ('Table 3.1: steady-state error, closed loop', '"minimal"',
+           _span(rows, 'closed_error_mm', 3) + ' mm', command)
+    shares = [f'{t["value"]:.0f} %' for t in _load(results, 'figure-3.2')['targets']]
+    yield ('Figure 3.2: area where four pads beat three, tasks 1, 2, 3', 'the majority',
+           f'{", ".join(shares[:3])}; all {shares[3]}: **not reproduced** for task 2',
+           '`reproduce figure-3.2`')
+    errors = [f'{t["value"]:.2f}' for t in _load(results, 'model-verification')['targets']]
+    yield ('model against plant, pushes of 5, 10, 15 mm: mean target error', 'not printed',
+           ', '.join(errors) + ' mm', '`reproduce model-verification`')
+
+
+def _recording_rows(results):
+    rows = _load(results, 'silicone-beam')['rows']
+    free = [r for r in rows if r.get('regime') == 'free vibration' and r['nu'] == 0.499
+            and r['marker'] == 'Tip-1' and 'gravity' in r['recording']]
+    for word, key, unit in (('ringing', 'frequency', 'Hz'), ('sag', 'sag_z', 'mm')):
+        yield (f'silicone beam, own weight, E and nu as published: {word}',
+               f'{_mean(free, f"{key}_measured_{unit}"):.1f} {unit} measured',
+               f'**{_mean(free, f"{key}_model_{unit}"):.1f} {unit}**: the linear tetrahedron locks',
+               '`reproduce silicone-beam`')
+    holds = [r for r in _load(results, 'dome-rig')['rows'] if 'hold_s' in r]
+    ratio = np.mean([r['force_measured_N'] / r['force_given_N'] for r in holds])
+    yield ('dome rig, coarse mesh as given: measured over predicted pad force', '1 would be right',
+           f'**{ratio:.2f}**: the model is too stiff', '`reproduce dome-rig`')
+
+
+def _span(rows, key, digits=0):
+    values = [r[key] for r in rows]
+    return f'{min(values):.{digits}f} to {max(values):.{digits}f}'
+
+
+def _mean(rows, key):
+    return float(np.mean([r[key] for r in rows]))
+
+
+BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results}
+
+
+def main():
+    """Rewrite README.md in place."""
+    path = share_dir() / 'README.md'
+    text = path.read_text(encoding='utf-8')
+    path.write_text(rendered(text, share_dir() / 'results'), encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()
