@@ -80,12 +80,12 @@ def _recording_rows(results):
     for word, key, unit in (('ringing', 'frequency', 'Hz'), ('sag', 'sag_z', 'mm')):
         yield (f'silicone beam, own weight, E and nu as published: {word}',
                f'{_mean(free, f"{key}_measured_{unit}"):.1f} {unit} measured',
-               f'**{_mean(free, f"{key}_model_{unit}"):.1f} {unit}**: the linear tetrahedron locks',
+               f'**{_mean(free, f"{key}_model_{unit}"):.1f} {unit}**: linear tetrahedra lock',
                '`reproduce silicone-beam`')
     holds = [r for r in _load(results, 'dome-rig')['rows'] if 'hold_s' in r]
     ratio = np.mean([r['force_measured_N'] / r['force_given_N'] for r in holds])
     yield ('dome rig, coarse mesh as given: measured over predicted pad force', '1 would be right',
-           f'**{ratio:.2f}**: the model is too stiff', '`reproduce dome-rig`')
+           f'**{ratio:.2f}**: the model is too stiff, not all of it explained', '`reproduce dome-rig`')
 
 
 def _span(rows, key, digits=0):
