@@ -227,12 +227,13 @@ def push_back(pad_force, directions):
 def in_driver_order(names, values, order):
     """Values (p,) in the driver's order; `names` empty means they are already.
 
-    Raises CommandRefused for an unknown or missing actuator.
+    For what the driver is told and for what it says. Raises CommandRefused for an unknown or
+    missing actuator.
     """
     if not names:
         return np.array(values, dtype=float)
     if sorted(names) != sorted(order) or len(values) != len(names):
-        raise CommandRefused(f'command for {", ".join(names)} with {len(values)} positions; must '
+        raise CommandRefused(f'{", ".join(names)} with {len(values)} positions; must '
                              f'name each of {", ".join(order)} once, with one position each')
     given = dict(zip(names, values, strict=True))
     return np.array([given[n] for n in order], dtype=float)

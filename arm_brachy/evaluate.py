@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from arm_brachy import graph
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.paths import share_dir
 from arm_brachy.evaluation import regimes
@@ -16,7 +17,7 @@ from arm_brachy.evaluation.residual_report import write_residual_report
 from arm_brachy.evaluation.residuals import noise_floor
 from arm_brachy.evaluation.result import commit_of, machine_description
 from arm_brachy.evaluation.timeseries import ResidualData
-from arm_brachy.offline import load_run, recorded_cell, recorded_prediction, with_scene
+from arm_brachy.offline import load_run, recorded_cell, recorded_prediction, with_cell
 from arm_brachy.recording.rigid import fit_rigid
 
 MM = 1e3
@@ -34,10 +35,10 @@ def evaluate_bag(bag, folder, *, command=''):
     folder = Path(folder)
     with tempfile.TemporaryDirectory() as scratch:
         cell = recorded_cell(bag, scratch)
-        run = replace(with_scene(load_run(bag), cell.scene), command=command)
+        run = replace(with_cell(load_run(bag), cell), command=command)
         predicted = recorded_prediction(bag)
     results, pages = [], []
-    if run.tasks or predicted is None:
+    if predicted is None or _operated(run):
         numbers = assess(run)
         results.append(to_result(run, numbers))
         pages.append(write_report(run, numbers, folder / 'report.html'))
@@ -50,6 +51,11 @@ def evaluate_bag(bag, folder, *, command=''):
     for result, page in zip(results, pages, strict=True):
         result.to_json(Path(page).with_suffix('.json'))
     return results, pages
+
+
+def _operated(run):
+    """True where someone set goals or tried to: the replay of an import has no operator."""
+    return any(record.topic.lstrip('/') == graph.TASK.name for record in run.topics)
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,8 @@ class _Stream:
 def comparisons(run, cell, predicted):
     """Set every stream of a recording beside what a model says of it.
 
-    run : RunData, `with_scene`;  cell : scenario.Cell;  predicted : offline.Prediction or None
+    run : RunData, `offline.with_scene`;  cell : scenario.Cell
+    predicted : offline.Prediction or None
     Returns stream name ('optical', 'em', 'force') -> ResidualData. Predictions are interpolated
     linearly to the times of measurement. Where encoders tell when the body was unloaded, markers
     and EM sensors are registered to the model over the stretches of rest before the first load:

@@ -139,7 +139,7 @@ MPC_MANIPULATOR = NodeSpec(
     services=('~/set_goal', '~/abort', '~/hold'))
 OPERATOR = NodeSpec(
     'operator', "plays the clinician: sets the scenario's goals, sends the pads home",
-    publishes=(TASK, DIAGNOSTICS), subscribes=(ACTUATORS, MANIPULATION),
+    publishes=(TASK, *EVERYWHERE), subscribes=(ACTUATORS, MANIPULATION),
     same=('actuator_driver', 'mpc_manipulator'))
 SUPERVISOR = NodeSpec(
     'supervisor', 'health, limits, emergency stop: actuators move only while it says run',
@@ -153,6 +153,7 @@ RECORDER = NodeSpec(
 
 NODES = (CELL_CLOCK, ACTUATOR_DRIVER, TISSUE_SIMULATOR, TISSUE_MODEL, EM_TRACKER, OPTICAL_TRACKER,
          FORCE_SENSOR, MPC_MANIPULATOR, OPERATOR, SUPERVISOR, RECORDER)
+REPLAYER = 'replayer'  # stands in for the clock and for absent nodes; it is no part of a cell
 CELL = tuple(n.name for n in NODES if n is not TISSUE_MODEL)
 
 
@@ -162,8 +163,8 @@ def node(name):
 
 
 def readers(topic_name, peers):
-    """How many of the nodes `peers` subscribe to a topic."""
-    return sum(node(p).hears(topic_name) for p in peers)
+    """Names of the nodes among `peers` that subscribe to a topic, in table order."""
+    return tuple(n.name for n in NODES if n.name in peers and n.hears(topic_name))
 
 
 def instances(tools, pads):
@@ -178,8 +179,12 @@ def instances(tools, pads):
 
 
 def waiters(name, peers):
-    """How many of the nodes `peers` wait for the answers of node `name`; the clock always does."""
-    return sum(name in (*node(p).same, *node(p).previous) or p == CELL_CLOCK.name for p in peers)
+    """Names of the nodes among `peers` that wait for the answers of node `name`, in table order.
+
+    The clock waits for all.
+    """
+    return tuple(n.name for n in NODES if n.name in peers
+                 and (name in (*n.same, *n.previous) or n is CELL_CLOCK))
 
 
 def writers(topic_name, peers):

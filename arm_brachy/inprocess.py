@@ -19,7 +19,7 @@ from arm_brachy import cell as cells
 from arm_brachy import provenance
 from arm_brachy.control.goal import Goal, GoalKind
 from arm_brachy.control.safety import Permission, Safety
-from arm_brachy.control.sequencer import Action, Phase, Sequencer
+from arm_brachy.control.sequencer import HOME, REST, Action, Phase, Sequencer
 from arm_brachy.core.errors import CommandRefused, ConfigError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.devices.actuator import SimulatedBank
@@ -36,8 +36,6 @@ from arm_brachy.offline import with_scene
 from arm_brachy.scenario import bundle
 
 SENSORS = ('em', 'optical', 'force')
-HOME = 0.2e-3   # a pad whose encoder reads less [m] is at home, as for nodes.operator
-REST = 0.1e-3   # and slower than this [m/s] is at rest
 
 
 def run(cell, *, sensors=('em',), go_home=True):
@@ -82,6 +80,7 @@ class InProcess:
         points = {'em': cell.em_tools, 'optical': cells.marker_names(cell), 'force': ()}
         self._feeds = {name: cells.PointFeed(points[name]) for name in SENSORS}
         self._permission, self._home_due = Permission.HOLD, True
+        self.control.permit(Permission.HOLD, 'no word from the supervisor yet')
         self._effort, self._command = None, None
         self._ticks, self.step, self.finished = 0, None, False
         self._log, self._goal, self._windows = defaultdict(list), None, []
@@ -124,9 +123,10 @@ class InProcess:
         found = RunData(
             name=scenario.name, scenario=bundle(self._cell)['scenario.yaml'], seed=scenario.seed,
             commit=origin['commit'], machine=origin['machine'], recorded_at=origin['start'],
-            tasks=tuple(self._windows), truth=truth, em=self._em(),
-            encoder=self._series('encoder'), command_position=self._series('command'),
-            pad_displacement=self._series('pads'), optical=self._optical(), force=forces,
+            tasks=tuple(self._windows), tasks_planned=len(scenario.tasks) or None, truth=truth,
+            em=self._em(), encoder=self._series('encoder'), encoder_pads=self._pads,
+            command_position=self._series('command'), pad_displacement=self._series('pads'),
+            optical=self._optical(), force=forces,
             force_pads=() if forces is None else tuple(sorted(self._pads)),
             outcomes=tuple(NodeOutcome(*key, n, self._said[key])
                            for key, n in sorted(self._outcomes.items())))
@@ -135,12 +135,11 @@ class InProcess:
     def _hear_supervisor(self):
         """What it said at the end of the tick before; until it has spoken nothing moves."""
         self._permission = self.safety.permission
-        if self._permission is Permission.RUN:
-            return
-        self.control.abort()
+        self.control.permit(self._permission, self.safety.reason)
         if self._permission is Permission.STOP:
+            self._home_due = False
             self.driver.stop()
-        else:
+        elif self._permission is Permission.HOLD:
             self.driver.hold()
 
     def _drive(self):
@@ -150,12 +149,18 @@ class InProcess:
             self._obey(command)
         if self._home_due and self._permission is Permission.RUN:
             self._home_due = False
-            self.driver.home()
+            self._home_at_start()
         state = self.driver.read(self.t, self._effort)
         self._note('actuator_driver', state.outcome, state.message)
         self._log['encoder'].append((self.t, state.q))
         self._log['pads'].append((self.t, state.pad))
         return state
+
+    def _home_at_start(self):
+        try:
+            self.driver.home()
+        except CommandRefused as refusal:
+            self._count('actuator_driver', Outcome.REJECTED, str(refusal))
 
     def _obey(self, command):
         if self._permission is not Permission.RUN:
@@ -218,9 +223,8 @@ class InProcess:
         try:
             answer = self.control.pursue(
                 Goal(task.target, task.displacement, GoalKind.DISPLACEMENT, axes))
-        except CommandRefused as refusal:
-            self._count('operator', Outcome.REJECTED, str(refusal))
-            return
+        except CommandRefused:
+            return   # a planned task that is not among the tasks of `data`
         self._goal = (task, self.t, answer, np.array(axes))
 
     def _release(self):
@@ -232,7 +236,9 @@ class InProcess:
             self._goal = None
         self.control.abort()
         if self._permission is Permission.RUN:
-            self.driver.home()
+            with suppress(CommandRefused):  # told to who asked
+                self.driver.home()
+                self._command = None  # under way when the pads were sent home: outdated
 
     def _note(self, source, outcome, message=''):
         """Count an outcome when it changes, as the nodes publish it."""

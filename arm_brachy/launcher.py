@@ -27,6 +27,8 @@ PR_SET_PDEATHSIG = 1       # linux/prctl.h
 DOMAINS = range(10, 100)   # ROS_DOMAIN_ID; up to 101 is safe on Linux whatever the port range
 PATIENCE_S = 10.0          # for a process to end after SIGINT
 RECORDER_PATIENCE_S = 60.0  # a long bag writes its index at the end
+# Found here, once: between fork and exec nothing may be loaded that another thread might hold.
+_prctl = ctypes.CDLL(None).prctl
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ class Launcher:
     def __init__(self, processes, leader, log_dir, on_progress=lambda name, values: None):
         self._specs, self._leader = tuple(processes), leader
         self._log_dir, self._on_progress = Path(log_dir), on_progress
-        self._children, self._lines = {}, queue.Queue()
+        self._children, self._listeners, self._lines = {}, {}, queue.Queue()
         self._interrupts = 0
 
     def run(self):
@@ -124,7 +126,9 @@ class Launcher:
             preexec_fn=_die_with_parent)
         log.close()
         self._children[spec.name] = child
-        threading.Thread(target=self._listen, args=(spec.name, child), daemon=True).start()
+        listener = threading.Thread(target=self._listen, args=(spec.name, child), daemon=True)
+        self._listeners[spec.name] = listener
+        listener.start()
 
     def _listen(self, name, child):
         for line in child.stdout:
@@ -135,7 +139,7 @@ class Launcher:
             try:
                 name, line = self._lines.get(timeout=0.1)
             except queue.Empty:
-                self._check_alive()
+                self._check_alive()  # returns if the last words of a dead one came meanwhile
                 continue
             values = _progress(line)
             if values is None:
@@ -150,6 +154,9 @@ class Launcher:
             status = child.poll()
             if status is None:
                 continue
+            self._listeners[name].join(PATIENCE_S)
+            if not self._lines.empty():
+                return
             log = self._log_dir / f'{name}.log'
             error = ArmBrachyError(f'{name} ended with status {status}: {_last_line(log)} '
                                    f'(log: {log})')
@@ -195,37 +202,55 @@ def _signal(child, number):
 
 
 def _die_with_parent():
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
+    _prctl(PR_SET_PDEATHSIG, signal.SIGINT)
 
 
-def _environment(domain, log_dir):
-    """Of every node: one DDS domain, this host only, one thread so that sums are reproducible."""
-    return {**os.environ, 'ROS_DOMAIN_ID': str(domain), 'ROS_LOG_DIR': str(log_dir),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PYTHONUNBUFFERED': '1',
+def node_environment():
+    """What every node runs under: this host only, one thread so that sums are reproducible."""
+    return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PYTHONUNBUFFERED': '1',
             'OMP_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'NUMBA_NUM_THREADS': '1',
             'OPENBLAS_NUM_THREADS': '1'}
 
 
+def _environment(domain, log_dir):
+    return {**os.environ, **node_environment(), 'ROS_DOMAIN_ID': str(domain),
+            'ROS_LOG_DIR': str(log_dir)}
+
+
 class _Domain:
-    """A DDS domain no other run of this machine uses: $ROS_DOMAIN_ID, or a locked free one."""
+    """A DDS domain that no other run on this machine uses: $ROS_DOMAIN_ID, or a free one.
+
+    The search starts elsewhere in every process: what a killed run left in the graph of its domain
+    (until its lease ends) meets no new run.
+    """
 
     def __enter__(self):
-        self._lock = None
-        if os.environ.get('ROS_DOMAIN_ID'):
-            return int(os.environ['ROS_DOMAIN_ID'])
-        for number in DOMAINS:
-            path = Path(tempfile.gettempdir()) / f'arm_brachy_domain_{number}.lock'
-            lock = path.open('w')
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                lock.close()
-                continue
-            self._lock = lock
-            return number
+        given = os.environ.get('ROS_DOMAIN_ID', '')
+        start = os.getpid() % len(DOMAINS)
+        for number in [given] if given else (*DOMAINS[start:], *DOMAINS[:start]):
+            self._lock = _lock(number)
+            if self._lock is not None:
+                return number
+        if given:
+            raise ArmBrachyError(f'ROS_DOMAIN_ID = {given} is in use by another run on this '
+                                 'machine; unset it, and a free domain is taken')
         raise ArmBrachyError(f'all of {len(DOMAINS)} DDS domains are in use on this machine; end '
-                             'a run or set ROS_DOMAIN_ID')
+                             'a run')
 
     def __exit__(self, *_):
-        if self._lock is not None:
-            self._lock.close()
+        self._lock.close()
+
+
+def _lock(domain):
+    """The locked file that stands for a domain, or None if somebody else holds it."""
+    path = Path(tempfile.gettempdir()) / f'arm_brachy_domain_{domain}.lock'
+    try:
+        file = path.open('w')
+    except PermissionError:  # another user's
+        return None
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        return None
+    return file

@@ -1,13 +1,14 @@
 """From a bag to numbers, without ROS: run data, the model's predictions, the reports."""
 
 from collections import Counter, defaultdict
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from arm_brachy import cell as cells
 from arm_brachy import graph
-from arm_brachy.core.errors import ConfigError, RecordingError
+from arm_brachy.core.errors import CommandRefused, ConfigError, RecordingError
 from arm_brachy.evaluation.timeseries import (
     EmSamples,
     NodeOutcome,
@@ -34,7 +35,7 @@ class _Tally:
         self.stamps, self.published = defaultdict(list), Counter()
         self.tasks, self.outcomes, self.last_outcome = [], Counter(), {}
         self.topology = None
-        self.pads = self.points = ()
+        self.pads = self.points = self.actuators = ()
         self.ids = ()
 
     def add(self, name, t, value):
@@ -60,12 +61,24 @@ def _xyz(p):
 
 
 def _on_encoder(tally, topic, t, msg):
-    tally.add('encoder', t, np.asarray(msg.position, dtype=float))
+    tally.add('encoder', t, _by_actuator(tally, topic, msg.name, msg.position))
+
+
+def _by_actuator(tally, topic, names, position):
+    """Positions (p,) [m] in the order in which the recording names the actuators first."""
+    tally.actuators = tally.actuators or tuple(names)
+    try:
+        return cells.in_driver_order(names, position, tally.actuators)
+    except CommandRefused as error:
+        raise RecordingError(f'{topic}: {error}') from None
 
 
 def _on_command(tally, topic, t, msg):
     if len(msg.position):
-        tally.add('command', t, np.asarray(msg.position, dtype=float))
+        # What does not name the actuators the driver has refused: it led nowhere.
+        with suppress(CommandRefused):
+            tally.add('command', t, cells.in_driver_order(
+                msg.names, msg.position, tally.actuators or msg.names))
 
 
 def _on_pose(tally, topic, t, msg):
@@ -87,7 +100,7 @@ def _on_wrench(tally, topic, t, msg):
 
 
 def _on_truth_pads(tally, topic, t, msg):
-    tally.add('pads', t, np.asarray(msg.position, dtype=float))
+    tally.add('pads', t, _by_actuator(tally, topic, msg.names, msg.position))
 
 
 def _on_points(tally, topic, t, msg):
@@ -180,8 +193,8 @@ def load_run(bag):
         machine=origin.get('machine', 'unknown'), recorded_at=origin.get('start', ''),
         tasks=_windows(tally), truth=_truth(tally), em=_em(tally),
         encoder=tally.get('encoder'), command_position=tally.get('command'),
-        pad_displacement=tally.get('pads'), force=force, force_pads=force_pads,
-        optical=_optical(tally),
+        pad_displacement=tally.get('pads'), encoder_pads=tally.actuators, force=force,
+        force_pads=force_pads, optical=_optical(tally),
         tissue=_tissue(tally), topics=_topics(tally, kinds), outcomes=_outcomes(tally))
 
 
@@ -263,7 +276,11 @@ def _outcomes(tally):
 
 
 def with_scene(run, scene):
-    """Add to RunData what only the scene knows: where pads and markers sit, the pads' order."""
+    """Add to RunData what only the scene knows: where pads and markers sit, the pads' order.
+
+    Of the true points only the targets are kept. Raises RecordingError if actuators and pads have
+    different names.
+    """
     directions = cells.pad_directions(scene)
     pads = tuple(PadMark(p.name, np.array(p.centre), d)
                  for p, d in zip(scene.pads, directions, strict=True))
@@ -272,14 +289,43 @@ def with_scene(run, scene):
     if run.force_pads:
         index = [run.force_pads.index(name) for name in order]
         force = Series(force.t, force.values[:, index])
+    targets = {target.name for target in scene.targets}
     return replace(run, pads=pads, force=force, force_pads=tuple(order),
-                   markers={m.name: np.array(m.position) for m in scene.markers})
+                   truth={name: s for name, s in run.truth.items() if name in targets},
+                   markers={m.name: np.array(m.position) for m in scene.markers},
+                   **_in_scene_order(run, scene))
 
 
-def ticks(cell, t_end):
-    """Times (n,) [s] at which a replay of a recording that ends at t_end [s] asks the model."""
-    count = int(np.ceil(round(t_end * 1e9) / cell.tick_ns))
-    return np.arange(1, count + 1) * cell.tick_ns * 1e-9
+def _in_scene_order(run, scene):
+    """Fields of RunData with a column per actuator, in the order of the scene's pads."""
+    wanted, given = tuple(p.name for p in scene.pads), run.encoder_pads
+    if not wanted or not given:
+        return {}
+    if sorted(wanted) != sorted(given):
+        raise RecordingError(f'the recording has actuators {", ".join(given)}; scene {scene.name} '
+                             f'has {", ".join(wanted)}; give the scene it was made with')
+    index = [given.index(name) for name in wanted]
+    series = {name: getattr(run, name)
+              for name in ('encoder', 'command_position', 'pad_displacement')}
+    return {'encoder_pads': wanted, **{name: Series(s.t, s.values[:, index])
+                                       for name, s in series.items() if s is not None}}
+
+
+def with_cell(run, cell):
+    """`with_scene`, and what only the scenario knows: which loop was closed, how many tasks.
+
+    run : RunData of a bag;  cell : scenario.Cell that it was recorded from
+    """
+    mode = f'{cell.scenario.control.loop}_loop'
+    return replace(with_scene(run, cell.scene), tasks_planned=len(cell.scenario.tasks) or None,
+                   tasks=tuple(replace(window, mode=mode) for window in run.tasks))
+
+
+def ticks(cell, t_end, t_start=0.0):
+    """Times (n,) [s] at which a replay of a recording from t_start to t_end [s] asks the model."""
+    first = max(1, round(t_start * 1e9) // cell.tick_ns)
+    last = -(-round(t_end * 1e9) // cell.tick_ns)
+    return np.arange(first, last + 1) * cell.tick_ns * 1e-9
 
 
 @dataclass(frozen=True)
@@ -302,10 +348,11 @@ class Prediction:
     failed: int | None = None
 
 
-def predict(cell, t_end, encoder=None):
-    """What the model says at every tick that brings news, up to t_end [s].
+def predict(cell, t_end, encoder=None, *, t_start=0.0):
+    """What the model says at every tick that brings news, from t_start to t_end [s].
 
     cell : scenario.Cell
+    t_start : first time of the recording, a date perhaps; a body with pads waits for `encoder`
     encoder : Series of (n, p) [m] with the times of its samples; None for a body without pads
     Returns Prediction. The node tissue_model, replayed, computes the same, bit for bit.
     Raises RecordingError if the numbers of actuators differ.
@@ -318,7 +365,8 @@ def predict(cell, t_end, encoder=None):
     if p and encoder.values.shape[1] != p:
         raise RecordingError(f'the recording has {encoder.values.shape[1]} actuators, scene '
                              f'{cell.scene.name} {p} pads; give the scene it was made with')
-    readings = list(_readings(body, ticks(cell, t_end), encoder if p else None))
+    begin = max(t_start, encoder.t[0]) if p else t_start
+    readings = list(_readings(body, ticks(cell, t_end, begin), encoder if p else None))
     if not readings:
         raise RecordingError(f'the recording ends at {t_end:g} s, before the model was asked '
                              f'once; tick_ms is {cell.tick_ns * 1e-6:g}')

@@ -57,9 +57,10 @@ class Limits:
     pad_force: float = quantity(30.0, 'N', 'largest force on one pad', low=0.1, high=1e3,
                                 source='own choice: above what a 6 kPa phantom returns at full '
                                        'stroke, far below what bruises')
-    silence: float = quantity(1.0, 's', 'longest silence of a node (wall pace)', low=0.05,
-                              high=60.0, source='own choice: actuators under position control '
-                                                'cannot run away within it')
+    silence: float = quantity(1.0, 's', 'longest silence of a node, the supervisor too '
+                                        '(wall pace)', low=0.05, high=60.0,
+                              source='own choice: actuators under position control cannot run '
+                                     'away within it')
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,8 @@ def resolve(scenario, path, source=None):
     path : its file (for messages and relative paths)
     source : the mapping it was read from, which knows the lines; None if it was made in Python
     Returns Cell. Raises ConfigError, also for what a schema cannot see: names given twice, a pad
-    without direction, a stroke longer than the actuator's, a tick that is no whole nanosecond.
+    without direction, a stroke longer than the actuator's, a tick that is no whole nanosecond, a
+    force limit that the sensor cannot measure.
     """
     scene_path = (path.parent / scenario.scene).resolve()
     scene = load_scene(scene_path)
@@ -232,6 +234,11 @@ def _check_scenario(scenario, scene, place):
         raise ConfigError(f"{place('tick_ms')} = {scenario.tick * 1e3:.12g}; must be a whole "
                           'number of nanoseconds')
     _check_strokes(scenario.actuators.stroke, scene, place)
+    limit, most = scenario.limits.pad_force, scenario.force.range
+    if limit >= most:
+        raise ConfigError(f"{place('limits', 'pad_force_N')} = {limit:g}; must be below the "
+                          f'{most:g} N of force.range_N: a saturated sensor reads no more, and '
+                          'the supervisor would never stop')
 
 
 def _check_strokes(longest, scene, place):

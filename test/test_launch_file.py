@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from arm_brachy import graph
-from arm_brachy.launcher import cell_processes
+from arm_brachy.launcher import RECORDER_PATIENCE_S, cell_processes, node_environment
 from arm_brachy.scenario import load_cell
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -58,6 +58,15 @@ def test_it_starts_every_node_with_the_parameters_of_the_command(launch_file, tm
         == [(p.name, p.parameters) for p in wanted]
     assert {n.kwargs['executable'] for n in nodes} == set(graph.CELL)
     assert all(n.kwargs['package'] == 'arm_brachy' for n in nodes)
+
+
+def test_nodes_run_and_close_as_under_the_command(launch_file, tmp_path):
+    action = launch_file.generate_launch_description().args[0][-1]
+    made = action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag')})
+    nodes = {m.kwargs['name']: m.kwargs for m in made if type(m).__name__ == 'Node'}
+    assert all(n['additional_env'] == node_environment() for n in nodes.values())
+    assert node_environment()['OMP_NUM_THREADS'] == '1'
+    assert float(nodes['recorder']['sigterm_timeout']) == RECORDER_PATIENCE_S
 
 
 def test_the_end_of_any_node_ends_the_launch(launch_file, tmp_path):

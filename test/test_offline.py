@@ -9,13 +9,14 @@ import pytest
 
 from arm_brachy import launcher, offline
 from arm_brachy.core.errors import RecordingError
-from arm_brachy.evaluation.timeseries import RunData, Series
+from arm_brachy.evaluation.timeseries import RunData, Series, TaskWindow
 from arm_brachy.recording import encode
 from arm_brachy.recording.writer import BagWriter
-from arm_brachy.scenario import load_cell
+from arm_brachy.scenario import Task, load_cell
 from arm_brachy.tissue.box import box_mesh
 
 FRAME_NS = 10_000_000
+A_DATE_NS = 1_767_225_600_003_000_000  # early in 2026, not on a tick
 FRAMES = 31
 HELD = 10       # frames until the block is let go
 
@@ -57,20 +58,20 @@ def push(t):
     return 2e-3 * np.sin(np.pi * np.asarray(t) / (FRAMES * 0.01)) ** 2
 
 
-def write_bag(folder, *, pads):
+def write_bag(folder, *, pads, begin_ns=0):
     encoder = encode.Encoder()
     with BagWriter(folder, provenance={'name': 'taken'}) as bag:
         bag.add_topic('/optical/markers', encode.OPTICAL)
         if pads:
             bag.add_topic('/actuators/state', encode.JOINT_STATE)
         for k in range(FRAMES):
-            t = k * FRAME_NS
+            t = begin_ns + k * FRAME_NS
             bag.write('/optical/markers', encoder.optical_frame(
                 t, 'world', k, ('tip', 'clamp'), np.array([[0.06, 0.01, 0.01], [0, 0.01, 0.01]])),
                 t, sequence=k)
             if pads:
                 bag.write('/actuators/state', encoder.joint_state(
-                    t, 'world', ['press'], [float(push(t * 1e-9))]), t, sequence=k)
+                    t, 'world', ['press'], [float(push(k * FRAME_NS * 1e-9))]), t, sequence=k)
     return folder
 
 
@@ -134,10 +135,14 @@ def test_forces_with_a_dropout_keep_their_times(tmp_path):
     np.testing.assert_array_equal(run.force.values[:, 0, 0], [0.0, 1.0, np.nan, 3.0, 4.0])
 
 
+def two_pads(cell):
+    """The scene with a second pad, 'another'."""
+    second = dataclasses.replace(cell.scene.pads[0], name='another')
+    return dataclasses.replace(cell.scene, pads=(*cell.scene.pads, second))
+
+
 def test_scene_decides_the_order_of_pads(block):
-    scene = block(pads=True).scene
-    second = dataclasses.replace(scene.pads[0], name='another')
-    scene = dataclasses.replace(scene, pads=(*scene.pads, second))
+    scene = two_pads(block(pads=True))
     force = Series(np.zeros(1), np.array([[[1.0, 0, 0], [2.0, 0, 0]]]))
     run = offline.with_scene(RunData('x', '', 0, '', '', force=force,
                                      force_pads=('another', 'press')), scene)
@@ -145,15 +150,64 @@ def test_scene_decides_the_order_of_pads(block):
     np.testing.assert_array_equal(run.force.values[0, :, 0], [2.0, 1.0])
 
 
+def write_encoders(folder, rows):
+    """A bag of encoder messages: (names, positions) one frame after another."""
+    encoder = encode.Encoder()
+    with BagWriter(folder) as bag:
+        bag.add_topic('/actuators/state', encode.JOINT_STATE)
+        for k, (names, position) in enumerate(rows):
+            t = k * FRAME_NS
+            bag.write('/actuators/state', encoder.joint_state(t, 'world', names, position), t)
+    return folder
+
+
+def test_encoders_are_read_by_name(block, tmp_path):
+    bag = write_encoders(tmp_path / 'bag', [(['another', 'press'], [2.0, 1.0]),
+                                            (['press', 'another'], [3.0, 4.0])])
+    run = offline.with_scene(offline.load_run(bag), two_pads(block(pads=True)))
+    assert run.encoder_pads == ('press', 'another')
+    np.testing.assert_array_equal(run.encoder.values, [[1.0, 2.0], [3.0, 4.0]])
+
+
+def test_encoders_of_other_actuators_are_refused(block, tmp_path):
+    bag = write_encoders(tmp_path / 'bag', [(['press', 'third'], [1.0, 2.0])])
+    with pytest.raises(RecordingError, match='has actuators press, third; scene block has press,'):
+        offline.with_scene(offline.load_run(bag), two_pads(block(pads=True)))
+    bag = write_encoders(tmp_path / 'mixed', [(['press'], [1.0]), (['other'], [2.0])])
+    with pytest.raises(RecordingError, match='/actuators/state: other with 1 positions; must'):
+        offline.load_run(bag)
+
+
+def test_only_targets_are_kept_of_the_truth(block):
+    still = Series(np.zeros(1), np.zeros((1, 3)))
+    scene = block(pads=True).scene
+    scene = dataclasses.replace(scene, targets=(dataclasses.replace(scene.markers[0],
+                                                                    name='tumour'),))
+    run = RunData('x', '', 0, '', '', truth={'tip': still, 'clamp': still, 'tumour': still})
+    assert list(offline.with_scene(run, scene).truth) == ['tumour']
+
+
+@pytest.mark.parametrize('loop', ['open', 'closed'])
+def test_the_scenario_says_which_loop_was_closed_and_how_many_tasks(block, loop):
+    cell = block(pads=True)
+    task = Task('a', 'tip', ('x',), (1e-3, 0.0, 0.0), 1.0)
+    cell = dataclasses.replace(cell, scenario=dataclasses.replace(
+        cell.scenario, control=dataclasses.replace(cell.scenario.control, loop=loop),
+        tasks=(task, task)))
+    window = TaskWindow('a', 'tip', 0.0, 1.0, np.zeros(3), np.ones(3), np.ones(3, dtype=bool))
+    run = offline.with_cell(RunData('x', '', 0, '', '', tasks=(window,)), cell)
+    assert run.tasks[0].mode == f'{loop}_loop' and run.tasks_planned == 2
+
+
 def test_bag_without_a_model_has_no_prediction(tmp_path):
     assert offline.recorded_prediction(write_bag(tmp_path / 'bag', pads=False)) is None
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize('pads', [False, True])
-def test_live_nodes_and_in_process_agree_bit_for_bit(block, tmp_path, pads):
+@pytest.mark.parametrize(('pads', 'begin_ns'), [(False, 0), (True, 0), (True, A_DATE_NS)])
+def test_live_nodes_and_in_process_agree_bit_for_bit(block, tmp_path, pads, begin_ns):
     cell = block(pads=pads)
-    recording = write_bag(tmp_path / 'taken', pads=pads)
+    recording = write_bag(tmp_path / 'taken', pads=pads, begin_ns=begin_ns)
     processes = launcher.replay_processes(cell, cell.path, recording, ('tissue_model',),
                                           tmp_path / 'bag')
     assert launcher.Launcher(processes, 'replayer', tmp_path / 'logs').run()

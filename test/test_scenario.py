@@ -148,6 +148,8 @@ WRONG_SCENARIOS = [
     (task(axes=['w']), r"tasks\.0\.axes\.0 = 'w'; must be 'x', 'y' or 'z'"),
     (task(duration_s=0), r'tasks\.0\.duration_s = 0; must be 0\.1 to 3600 s'),
     ({'tasks': task()['tasks'] * 2}, r'tasks\.1\.name = .a. is given twice; names must differ'),
+    ({'limits': {'pad_force_N': 50}, 'force': {'range_N': 50}},
+     r':5: limits\.pad_force_N = 50; must be below the 50 N of force\.range_N'),
     ({'pace': 'fast'}, "pace = 'fast'; must be 'lockstep' or 'wall'"),
 ]
 

@@ -37,9 +37,21 @@ class Manipulator:
         self.stillness = Stillness(params.stillness)
         self._model, self._names = model, tuple(names)
         self._strokes = np.asarray(strokes, dtype=float)
+        self._lead = self._largest_lead(params, max_speed)
         self._target, self._goal, self._mode = model.targets[0], None, Mode.IDLE
         self._command, self._restart = None, False
         self._forget_motion()
+
+    @staticmethod
+    def _largest_lead(params, max_speed):
+        """Travel [m] by which a command may lead the encoders: all that can be under way.
+
+        Beyond it the pads do not follow (held, blocked, refused), and a command that went on
+        growing would be made up for in one jump. In open loop nothing measured may enter.
+        """
+        if params.loop == 'open':
+            return np.inf
+        return np.asarray(max_speed) * (params.actuator_delay + params.mpc.period)
 
     @property
     def target(self):
@@ -122,7 +134,7 @@ class Manipulator:
             return self._blind(t, state.outcome, f'tissue model: {state.outcome.advice}')
         self._track.append((t, state.position))
         refused = self._take(target_samples) if not self.is_open_loop else ''
-        step = self._decide(self._picture(t, q, state))
+        step = self._decide(self._picture(t, q, state), q)
         self._command = step.command
         self._log.append(t, self._command)
         if refused and step.outcome.ok:
@@ -196,7 +208,7 @@ class Manipulator:
             return estimate
         return np.where(self._goal.mask, self._goal.position(self.rest(self._target)), estimate)
 
-    def _decide(self, now):
+    def _decide(self, now, q):
         """Turn the picture into a command, or hold and say why."""
         if self._mode in (Mode.HOLD, Mode.ABORTED):
             return replace(now, outcome=Outcome.HELD, message=self._mode.value)
@@ -212,7 +224,7 @@ class Manipulator:
         error = self._error_to_act_on(now)
         if error is None:
             return replace(now, settled=self.stillness.resting)
-        return self._pushed(now, error)
+        return self._pushed(now, error, q)
 
     def _with_reach(self, now):
         on = self._goal.mask
@@ -248,12 +260,13 @@ class Manipulator:
         on = self._goal.mask
         return np.abs(self._reach(now.jacobian[on], error[on], self._command).displacement).max()
 
-    def _pushed(self, now, error):
+    def _pushed(self, now, error, q):
         plan = self.mpc.step(error, now.jacobian, self._command, self._goal.mask)
         if not plan.outcome.ok:
             return replace(now, outcome=plan.outcome,
                            message=f'MPC: {plan.outcome.advice}; the command is held')
-        command = np.clip(self._command + plan.push, 0.0, self._strokes)
+        command = np.clip(self._command + plan.push, q - self._lead, q + self._lead)
+        command = np.clip(command, 0.0, self._strokes)
         return replace(now, command=command)
 
     def _blind(self, t, outcome, message):

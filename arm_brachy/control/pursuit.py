@@ -7,6 +7,7 @@ import numpy as np
 
 from arm_brachy.control.goal import GoalKind
 from arm_brachy.control.reach import closest_reachable
+from arm_brachy.control.safety import Permission
 from arm_brachy.core.errors import CommandRefused
 
 AVERAGED = 1.0  # s of samples whose mean is where a target is taken to be when a goal is set
@@ -43,11 +44,13 @@ class Pursuit:
         """
         self._manipulator, self._model = manipulator, model
         self._period = manipulator.params.mpc.period
+        self._stale_after = manipulator.params.stale_after
         self._open_loop = manipulator.params.loop == 'open'
         self._strokes, self._names = strokes, names
         self._recent = {tool: deque() for tool in tools}
         self._fresh = {tool: [] for tool in tools}
-        self._q, self._due, self.active = None, None, False
+        self._q, self._due, self._now, self.active = None, None, -np.inf, False
+        self._permission, self._reason = Permission.RUN, ''
 
     @property
     def target(self):
@@ -67,8 +70,15 @@ class Pursuit:
         """Take the encoder positions (p,) [m]."""
         self._q = np.array(q, dtype=float)
 
+    def permit(self, permission, reason=''):
+        """Take the supervisor's word: whatever is not RUN drops the goal and refuses the next."""
+        self._permission, self._reason = permission, reason
+        if permission is not Permission.RUN and self.active:
+            self.abort()
+
     def step(self, t):
         """Return a ManipulatorStep if a control period has passed by t [s], else None."""
+        self._now = t
         if self._q is None or (self._due is not None and t < self._due - 1e-6):
             return None
         self._due = (t if self._due is None else self._due) + self._period
@@ -80,8 +90,14 @@ class Pursuit:
     def pursue(self, goal):
         """Take a goal and go. Returns Answer.
 
-        Raises CommandRefused for an unknown target, or one whose position is not known.
+        Raises CommandRefused for an unknown target, one whose position is not known or no longer,
+        and while nothing may move.
         """
+        if self._permission is not Permission.RUN:
+            raise CommandRefused(f'goal for {goal.target}: the safety state is '
+                                 f'{self._permission.name} ({self._reason}); when its cause is '
+                                 'gone call supervisor/reset, after a STOP also '
+                                 'actuator_driver/release')
         if self._q is None:
             raise CommandRefused(f'goal for {goal.target}: no encoder reading has come yet; '
                                  'start the actuator driver')
@@ -118,6 +134,10 @@ class Pursuit:
         if not recent:
             raise CommandRefused(f'goal for {target}: its sensor has not been seen yet; '
                                  'start the tracker or bring it into its volume')
+        age = self._now - recent[-1][0]
+        if age > self._stale_after:
+            raise CommandRefused(f'goal for {target}: its sensor was last seen {age:.2f} s ago, '
+                                 f'allowed {self._stale_after:g} s; bring it back into the volume')
         return np.mean([p for _, p in recent], axis=0)
 
     def hold(self):

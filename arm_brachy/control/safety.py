@@ -16,13 +16,29 @@ class Permission(IntEnum):
 class Safety:
     """Latches the first cause; only `reset` goes back to RUN, and only if the cause is gone.
 
-    force_limit : largest force on one pad [N]
+    The wait for the first signs of life is no cause: it ends by itself, in RUN if none has come.
     """
 
-    def __init__(self, force_limit):
+    def __init__(self, force_limit, awaited=()):
+        """force_limit : on one pad [N];  awaited : names of what must be heard before RUN."""
         self._force_limit = force_limit
-        self._silent, self._force = (), {}
-        self.permission, self.reason = Permission.RUN, ''
+        self._silent, self._force, self._awaited = (), {}, set(awaited)
+        self._latched, self._cause = Permission.RUN, ''
+
+    @property
+    def permission(self):
+        """What is allowed now."""
+        return max(self._latched, Permission.HOLD if self._awaited else Permission.RUN)
+
+    @property
+    def reason(self):
+        """Why not everything is allowed, in one line; '' in RUN."""
+        waiting = f'waiting for {", ".join(sorted(self._awaited))}' if self._awaited else ''
+        return self._cause or waiting
+
+    def heard(self, name):
+        """Note a sign of life."""
+        self._awaited.discard(name)
 
     def force(self, pad, force):
         """Note the force (3,) [N] on a pad; too much is an emergency stop, NaN a hold."""
@@ -48,13 +64,13 @@ class Safety:
         self._raise_to(Permission.STOP, reason)
 
     def _raise_to(self, permission, reason):
-        if permission > self.permission:
-            self.permission, self.reason = permission, reason
+        if permission > self._latched:
+            self._latched, self._cause = permission, reason
 
     def reset(self):
         """Go back to RUN unless a cause is still there; returns (done, one line)."""
         high = [p for p, f in self._force.items() if not f <= self._force_limit]
-        if high or self._silent:
-            return False, f'still in force: {", ".join([*high, *self._silent])}'
-        self.permission, self.reason = Permission.RUN, ''
+        if causes := [*high, *self._silent, *sorted(self._awaited)]:
+            return False, f'still in force: {", ".join(causes)}'
+        self._latched, self._cause = Permission.RUN, ''
         return True, 'running'

@@ -2,6 +2,12 @@
 
 from enum import Enum
 
+# A pad whose encoder reads less [m] is at home: 16 counts of the L16's position sensor.
+HOME = 0.2e-3
+# And one that moves slower than this [m/s] is at rest. Speeds are differences of encoder counts:
+# one count of 0.0122 mm in a tick of 50 ms reads as 0.244 mm/s and may be flicker, two are motion.
+REST = 0.3e-3
+
 
 class Phase(Enum):
     """Where the sequence stands."""
@@ -25,14 +31,16 @@ class Sequencer:
     """Walks through tasks by the clock of the data; it looks at nothing but time and `at_home`.
 
     tasks : sequence with `.duration` [s];  settle : rest [s] before each task
-    A homing that does not end within `homing_limit` [s] ends the sequence.
+    A homing that does not end within `homing_limit` [s] ends the sequence; `verdict` says so.
+    index : of the task;  phase : Phase;  verdict : one line once FINISHED, '' if nothing was left
+    out
     """
 
     def __init__(self, tasks, settle, homing_limit=120.0):
         self._tasks, self._settle, self._limit = tuple(tasks), settle, homing_limit
         self.index = 0
         self.phase = Phase.SETTLING if self._tasks else Phase.FINISHED
-        self._since = None
+        self._since, self.verdict = None, ''
 
     def step(self, t, at_home):
         """Return the Action at time t [s]; at_home: all pads are retracted and at rest."""
@@ -53,6 +61,10 @@ class Sequencer:
         self.index += 1
         if self.index < len(self._tasks) and at_home:
             return self._enter(Phase.SETTLING, t, Action.WAIT)
+        if not at_home:
+            self.verdict = (f'cut short: the pads were not at home within {self._limit:g} s; '
+                            f'{len(self._tasks) - self.index} of {len(self._tasks)} tasks not '
+                            'begun; look at the actuators')
         return self._enter(Phase.FINISHED, t, Action.FINISH)
 
     def _enter(self, phase, t, action):

@@ -20,7 +20,7 @@ __all__ = ['DRIVER_GROUP', 'AbstractActuatorDriver', 'ActuatorParams', 'BankStat
 
 # Where a term can act on a bank, in the order of `SimulatedBank._through`.
 _STAGES = (Stage.SETPOINT, Stage.TRANSMISSION, Stage.ENCODER)
-# Slower than this [m/s] a motor counts as at rest: 10 um/s, one encoder count in a second.
+# Slower than this [m/s] an actuator counts as at rest: 10 um/s, an encoder count in a second.
 _REST_SPEED = 1e-5
 # The home switch closes this close to zero [m].
 _SWITCH = 1e-6
@@ -32,7 +32,8 @@ class SimulatedBank(AbstractActuatorDriver):
     names : n;  strokes : (n,) [m], at most params.stroke;  params : ActuatorParams
     terms : actuation terms at Stage.SETPOINT, TRANSMISSION or ENCODER (between motor and reading),
         applied in the order given
-    rng : numpy Generator; drawn from only if params.position_repeatability > 0
+    rng : numpy Generator; needed if params.position_repeatability or effort_noise > 0. What motor
+        current adds is drawn from a child of it, so that reading more often moves no pad
     homed : start at zero with the sensor zeroed, as after homing
     start : (n,) [m] where the actuators stand at t0 (default zero);  t0 : s
 
@@ -52,6 +53,7 @@ class SimulatedBank(AbstractActuatorDriver):
         self._motor = np.zeros(n) if start is None else np.array(start, dtype=float)
         self._check(terms, rng)
         self._rng = rng
+        self._current_rng = None if rng is None else rng.spawn(1)[0]
         self._t = t0
         self._servo = self._motor.copy()
         self._profiles = [self._rest(x) for x in self._motor]
@@ -131,7 +133,7 @@ class SimulatedBank(AbstractActuatorDriver):
         if t > self._t:
             self._yield_to(effort)
             self._advance(t, effort)
-        return self._state(effort)
+        return self._state(self._told_by_current(effort))
 
     def close(self):
         """Stop and switch off."""
@@ -156,8 +158,10 @@ class SimulatedBank(AbstractActuatorDriver):
                 raise ConfigError(f'actuators: term {term.spec.name} acts at '
                                   f'{term.spec.stage.value}; must act at '
                                   + ', '.join(stage.value for stage in _STAGES))
-        if self.params.position_repeatability > 0.0 and rng is None:
-            raise ConfigError('actuators: position_repeatability_mm > 0 needs a random stream')
+        for name, spread in (('position_repeatability_mm', self.params.position_repeatability),
+                             ('effort_noise_N', self.params.effort_noise)):
+            if spread > 0.0 and rng is None:
+                raise ConfigError(f'actuators: {name} > 0 needs a random stream')
 
     def _permit_connected(self, what):
         if not self._connected:
@@ -200,11 +204,11 @@ class SimulatedBank(AbstractActuatorDriver):
         pieces = [profile.advance(dt) for profile in self._profiles]
         self._servo = np.array([lag_behind(y, piece, self.params.servo_time_constant)
                                 for y, piece in zip(self._servo, pieces, strict=True)])
-        before = self._motor
+        before = self._encoder()
         self._motor = self._through(0, self._servo, effort, t, dt)
         self._pad = self._through(1, self._motor, effort, t, dt)
         self._sensed = self._through(2, self._motor, effort, t, dt)
-        self._velocity = (self._motor - before) / dt
+        self._velocity = (self._encoder() - before) / dt   # before homing moves the zero
         self._t = t
         self._close_switches()
 
@@ -230,9 +234,14 @@ class SimulatedBank(AbstractActuatorDriver):
             pad=self._pad.copy(), outcome=outcome, message=message)
 
     def _encoder(self):
-        count = self.params.encoder_resolution
-        q = self._sensed - self._zero
-        return count * np.round(q / count) if count > 0.0 else q
+        return _whole_counts(self._sensed - self._zero, self.params.encoder_resolution)
+
+    def _told_by_current(self, effort):
+        """What the motors' current says of the push (n,) [N]."""
+        if self.params.effort_noise > 0.0:
+            noise = self._current_rng.standard_normal(len(effort))
+            effort = effort + self.params.effort_noise * noise
+        return _whole_counts(effort, self.params.effort_resolution)
 
     def _outcome(self):
         if self._refusal:
@@ -247,3 +256,8 @@ class SimulatedBank(AbstractActuatorDriver):
         if self._held:
             return Outcome.HELD, 'held on request; the next move is obeyed'
         return Outcome.OK, ''
+
+
+def _whole_counts(x, count):
+    """x rounded to multiples of `count`; unchanged where that is 0."""
+    return count * np.round(x / count) if count > 0.0 else x

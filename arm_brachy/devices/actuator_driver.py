@@ -43,14 +43,21 @@ class ActuatorParams:
     force_limit: float = quantity(50.0, 'N', 'push at which the bank stops pushing', low=0.1,
                                   high=1e4, source=_L16 + 'lifts 100 N; half of it, engineering '
                                                          'judgement')
+    effort_noise: float = quantity(
+        2.0, 'N', 'standard deviation of the force told from motor current', low=0.0, high=100.0,
+        source='friction of gear and screw varies by some percent of the lift of 100 N, '
+               'engineering judgement')
+    effort_resolution: float = quantity(
+        0.1, 'N', 'one count of the force told from motor current (0 = continuous)', low=0.0,
+        high=10.0, source='lift of 100 N read with 10 bit, engineering judgement')
 
 
 @dataclass(frozen=True)
 class BankState:
     """What a bank says of itself at time t [s]; all arrays (n,), in the order of its names.
 
-    q : m, from the position sensor;  velocity : m/s, mean of the motor since the last read
-    effort : N, pushing back on the pad;  homed, moving : bool
+    q : m, from the position sensor;  velocity : m/s, its change since the last read
+    effort : N, pushing back on the pad as far as motor current tells;  homed, moving : bool
     pad : m, true pad position (simulated banks; None for hardware): never for estimators
     outcome : OK, HELD (hold, stop or force limit) or REJECTED (a command since the last read)
     message : one line, empty if OK

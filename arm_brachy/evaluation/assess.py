@@ -89,7 +89,7 @@ def assess(run, goals=Goals()):
     first, last = run.span()
     return RunMetrics(tasks, streams, shape, index,
                       metrics.real_time_factor(last - first, run.wall_time), goals,
-                      _targets(tasks, streams, goals))
+                      _targets(tasks, run.tasks_planned, streams, goals))
 
 
 def task_rows(tasks):
@@ -174,9 +174,11 @@ def _row(task):
     }
 
 
-def _targets(tasks, streams, goals):
+def _targets(tasks, planned, streams, goals):
     limit = goals.steady_state_error * MM
-    reached = [Target(f'{task.name}: steady-state error ({task.response_from})',
+    reached = [] if planned is None else [
+        Target('tasks done', len(tasks), '1', f'= {planned}', len(tasks) == planned)]
+    reached += [Target(f'{task.name}: steady-state error ({task.response_from})',
                       task.steady_state_error * MM, 'mm', f'< {limit:g}',
                       bool(task.steady_state_error < goals.steady_state_error))
                for task in tasks if task.mode == 'closed_loop']

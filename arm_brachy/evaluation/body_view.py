@@ -134,9 +134,15 @@ def _draw_targets(axis, view, run, t):
         axis.plot(*_on_paper(view, series.values[0]), 'o', markerfacecolor='none',
                   markeredgecolor=GOAL, markersize=7)
         axis.plot(*_on_paper(view, now), 'o', color=GOAL, markersize=6, linestyle='', label=label)
-        axis.annotate(name, _on_paper(view, now), xytext=(6, 5), textcoords='offset points',
-                      fontsize=8, color=GOAL, fontweight='bold', path_effects=HALO)
+        if name in _named(run, view):
+            axis.annotate(name, _on_paper(view, now), xytext=(6, 5), textcoords='offset points',
+                          fontsize=8, color=GOAL, fontweight='bold', path_effects=HALO)
         label = None
+
+
+def _named(run, view):
+    """Targets that get their name: all from above; from the side, where they overlap, the tasks."""
+    return run.truth.keys() if view is VIEWS[0] else {task.target for task in run.tasks}
 
 
 @styled

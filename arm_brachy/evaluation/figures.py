@@ -44,6 +44,9 @@ def time_response(run, tasks, tolerance):
         axes[4].set_xlabel('time since the goal was set / s')
     for axis in rows[:3, 0]:
         _widen(axis, LEAST_SPAN)
+    for column, task in enumerate(tasks):
+        for k in np.flatnonzero(~np.asarray(task.axes, dtype=bool)):
+            _say_free(rows[k, column], run, task, k)
     labels = (*(f'{name} displacement' for name in AXIS_NAMES), 'error', 'actuator push')
     for axis, label in zip(rows[:, 0], labels, strict=True):
         axis.set_ylabel(f'{label}\n/ mm')
@@ -67,13 +70,22 @@ def _draw_axis(axis, run, task, k, tolerance):
         axis.plot(true.t - task.t_start, (true.values[:, k] - task.start[k]) * MM, color=TRUTH,
                   label='truth')
     if not task.axes[k]:
-        axis.text(0.98, 0.93, 'free', transform=axis.transAxes, ha='right', va='top',
-                  style='italic', color='#6c7a86')
         return
     goal = (task.goal[k] - task.start[k]) * MM
     axis.axhspan(goal - tolerance * MM, goal + tolerance * MM, color=BAND, alpha=0.22, lw=0,
                  label='tolerance')
     axis.axhline(goal, color=GOAL, linestyle='--', lw=1.1, label='goal')
+
+
+def _say_free(axis, run, task, k):
+    """The word 'free' at the right edge, above or below the data, wherever there is more room."""
+    low, high = axis.get_ylim()
+    drawn = [series.values[series.t > 0.8 * task.t_end + 0.2 * task.t_start, k]
+             for series in _target_series(run, task) if series is not None]
+    end = (np.concatenate([np.zeros(0), *drawn]) - task.start[k]) * MM
+    above = not len(end) or high - end.max() >= end.min() - low
+    axis.text(0.98, 0.93 if above else 0.07, 'free', transform=axis.transAxes, ha='right',
+              va='top' if above else 'bottom', style='italic', color='#6c7a86')
 
 
 def _widen(axis, span):

@@ -138,11 +138,13 @@ class RunData:
 
     name : of the scenario;  scenario : resolved scenario as YAML text;  seed : the scenario's
     commit, machine : what ran where;  command : what a person types to get this run again
-    tasks : TaskWindow, in order of time
+    tasks : TaskWindow, in order of time, that were begun and are over
+    tasks_planned : number of tasks in the scenario; None where there are none or nobody set goals
     truth : target name -> Series of (n, 3) [m]; empty on a real recording
     em : target name -> EmSamples
     encoder, command_position : Series of (n, p) [m], pushes from rest along the pads' directions
     pad_displacement : Series of (n, p) [m], the true pads' (differs from the encoder by play)
+    encoder_pads : names of the pads of these three; empty = not known
     force : Series of (n, p, 3) [N], tissue on pad, NaN where a pad's was not measured
     force_pads : names of its pads
     optical : OpticalFrames;  tissue : Tissue;  pads : PadMark per actuator, same order as encoder
@@ -160,11 +162,13 @@ class RunData:
     command: str = ''
     recorded_at: str = ''
     tasks: tuple = ()
+    tasks_planned: int | None = None
     truth: dict = field(default_factory=dict)
     em: dict = field(default_factory=dict)
     encoder: Series | None = None
     command_position: Series | None = None
     pad_displacement: Series | None = None
+    encoder_pads: tuple = ()
     force: Series | None = None
     force_pads: tuple = ()
     optical: OpticalFrames | None = None

@@ -85,7 +85,8 @@ def _recording_rows(results):
     holds = [r for r in _load(results, 'dome-rig')['rows'] if 'hold_s' in r]
     ratio = np.mean([r['force_measured_N'] / r['force_given_N'] for r in holds])
     yield ('dome rig, coarse mesh as given: measured over predicted pad force', '1 would be right',
-           f'**{ratio:.2f}**: the model is too stiff, not all of it explained', '`reproduce dome-rig`')
+           f'**{ratio:.2f}**: the model is too stiff, not all of it explained',
+           '`reproduce dome-rig`')
 
 
 def _span(rows, key, digits=0):

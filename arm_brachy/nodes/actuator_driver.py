@@ -1,31 +1,33 @@
 """ROS 2 shell of one bank of linear actuators: commands in, encoder states out."""
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from arm_brachy import cell, graph
-from arm_brachy.core.errors import CommandRefused
+from arm_brachy.core.errors import CommandRefused, ConfigError
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.devices.actuator import SimulatedBank
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.spin import spin_node
-from arm_brachy.nodes.ticker import Ticker
+from arm_brachy.nodes.ticker import Ticker, listen_to
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState
-
-SAFETY_PATIENCE_NS = 500_000_000  # older than this, a permission to run no longer counts
 
 
 class ActuatorDriverNode(Node):
     """Convert, call the driver, convert back. Without a fresh permission to run it holds.
 
-    in   actuators/command  ActuatorCommand  refused whole if any entry is bad
+    At wall pace a supervisor that falls silent is a hold that only ~/release ends, and what it
+    says counts on arrival; in lockstep the clock waits for it, so there is no silence.
+
+    in   actuators/command  ActuatorCommand  refused whole if any entry is bad; ignored if given
+                                             before the last ~/home (a stamp of zero is none)
          cell/safety        SafetyState      RUN, HOLD or STOP
          truth/points       BodyPoints       simulated bank only: what pushes back on the pads
     out  actuators/state    JointState       every tick; stamp = tick
          truth/pads         PadState         simulated bank only
     srv  ~/home, ~/release  Trigger
-    par  scenario, and every quantity of ActuatorParams
+    par  scenario, home_at_start, and every quantity of ActuatorParams
     """
 
     def __init__(self, **kwargs):
@@ -36,34 +38,46 @@ class ActuatorDriverNode(Node):
         self._directions = cell.pad_directions(setup.cell.plant)
         params = parameters.device_parameters(self, setup.cell.scenario.actuators)
         self._driver = cell.build_actuators(setup.cell, params)
-        self._driver.connect()
-        self._home_due = self.declare_parameter(
-            'home_at_start', setup.cell.scenario.actuator_driver == 'simulated',
-            ParameterDescriptor(description='go home unasked; hardware waits for ~/home')).value
+        self._check_pace(setup)
+        self._home_due = parameters.flag(
+            self, 'home_at_start', setup.cell.scenario.actuator_driver == 'simulated',
+            'go home unasked; hardware waits for ~/home')
         self._guarded = graph.SUPERVISOR.name in setup.peers
+        self._patience = setup.cell.scenario.limits.silence
         self._permission = SafetyState.HOLD if self._guarded else SafetyState.RUN
-        self._permission_ns = 0
-        self._effort, self._commands, self._refused = None, 0, 0
-        ticker = Ticker(self, graph.ACTUATOR_DRIVER, self._work, lockstep=setup.lockstep,
-                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+        self._permission_ns, self._lost = 0, False
+        self._effort, self._commands, self._refused, self._home_ns = None, 0, 0, 0
+        self._ticker = ticker = Ticker(
+            self, graph.ACTUATOR_DRIVER, self._work, lockstep=setup.lockstep,
+            tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
         self._state_pub = ticker.publisher(graph.ACTUATORS)
         self._truth_pub = ticker.publisher(graph.TRUTH_PADS)
         self._health = Health(self, ticker, self._frame)
         for topic in graph.ACTUATOR_DRIVER.subscribes:
-            ticker.subscribe(topic)
+            if topic is graph.SAFETY and not setup.lockstep:
+                listen_to(self, topic, self._on_safety, lockstep=False)
+            else:
+                ticker.subscribe(topic)
         self.create_service(Trigger, '~/home', self._on_home)
         self.create_service(Trigger, '~/release', self._on_release)
         ticker.start()
+        self._driver.connect()  # last: nobody would close it if a line after it failed
+
+    def _check_pace(self, setup):
+        if setup.lockstep and not isinstance(self._driver, SimulatedBank):
+            raise ConfigError(f'{setup.cell.path}: pace = lockstep with actuator_driver = '
+                              f'{setup.cell.scenario.actuator_driver!r}; hardware does not wait '
+                              'for a simulated clock: set pace: wall')
 
     def _work(self, tick, t_ns, inputs):
-        for msg in inputs[graph.SAFETY.name]:
+        for msg in inputs.get(graph.SAFETY.name, ()):
             self._on_safety(msg)
         for msg in inputs[graph.TRUTH_POINTS.name]:
             self._effort = cell.push_back(msg.pad_force, self._directions)
         for msg in inputs[graph.COMMAND.name]:
             self._on_command(t_ns, msg)
         self._check_permission(t_ns)
-        self._home_at_start()
+        self._home_at_start(t_ns)
         state = self._driver.read(t_ns * 1e-9, self._effort)
         self._health.note(t_ns, state.outcome, state.message)
         self._state_pub(convert.joint_state(t_ns, self._frame, self._names, state))
@@ -76,33 +90,55 @@ class ActuatorDriverNode(Node):
     def _on_safety(self, msg):
         self._permission, self._permission_ns = msg.state, convert.nanoseconds(msg)
         if msg.state == SafetyState.STOP:
-            self._driver.stop()
+            self._stop()
         elif msg.state == SafetyState.HOLD:
             self._driver.hold()
 
-    def _home_at_start(self):
-        if self._home_due and self._permission == SafetyState.RUN:
+    def _stop(self):
+        """Cut the drives; what was to move unasked no longer does."""
+        self._home_due = False
+        self._driver.stop()
+
+    def _home_at_start(self, t_ns):
+        if self._home_due and not self._forbidden():
             self._home_due = False
-            self._driver.home()
+            try:
+                self._driver.home()
+            except CommandRefused as refusal:
+                self._refuse(t_ns, str(refusal))
 
     def _check_permission(self, t_ns):
-        """Silence of the supervisor is a hold, whatever it said last."""
-        stale = self._guarded and t_ns - self._permission_ns > SAFETY_PATIENCE_NS
-        if stale and self._permission == SafetyState.RUN:
-            self._permission = SafetyState.HOLD
+        """Silence of the supervisor is a hold, whatever it said last and says next."""
+        if self._ticker.lockstep or not self._guarded or self._permission != SafetyState.RUN:
+            return
+        silence = (t_ns - self._permission_ns) * 1e-9
+        if silence > self._patience:
+            self._permission, self._lost, self._home_due = SafetyState.HOLD, True, False
             self._driver.hold()
-            self._health.refuse(t_ns, Outcome.HELD, 'no word from the supervisor for '
-                                f'{(t_ns - self._permission_ns) * 1e-9:.1f} s; holding')
+            self._health.refuse(t_ns, Outcome.HELD, f'no word from the supervisor for '
+                                f'{silence:.1f} s; holding until ~/release')
+
+    def _not_running(self):
+        if self._permission == SafetyState.RUN:
+            return ''
+        return ('actuators: the safety state is not RUN; call supervisor/reset, after a stop or a '
+                'silent supervisor also actuator_driver/release')
+
+    def _forbidden(self):
+        """Why nothing may move, in one line; '' if it may."""
+        lost = 'actuators: the supervisor had fallen silent; call actuator_driver/release'
+        return self._not_running() or (lost if self._lost else '')
 
     def _on_command(self, t_ns, msg):
         self._commands += 1
         if msg.mode == ActuatorCommand.MODE_STOP:
-            self._driver.stop()
+            self._stop()
         elif msg.mode == ActuatorCommand.MODE_HOLD:
             self._driver.hold()
-        elif self._permission != SafetyState.RUN:
-            self._refuse(t_ns, 'actuators: move while the safety state is not RUN; reset the '
-                               'supervisor first')
+        elif 0 < convert.nanoseconds(msg) <= self._home_ns:
+            return  # under way when the pads were sent home: outdated, no mistake
+        elif forbidden := self._forbidden():
+            self._refuse(t_ns, forbidden)
         else:
             self._move(t_ns, msg)
 
@@ -124,16 +160,25 @@ class ActuatorDriverNode(Node):
         self._health.refuse(t_ns, Outcome.REJECTED, message)
 
     def _on_home(self, request, response):
-        return self._serve(response, self._driver.home, 'going home')
+        return self._serve(response, self._forbidden(), self._home, 'going home')
 
     def _on_release(self, request, response):
-        return self._serve(response, self._driver.release, 'released')
+        return self._serve(response, self._not_running(), self._release, 'released')
 
-    def _serve(self, response, action, done):
+    def _home(self):
+        self._driver.home()
+        self._home_ns = self._ticker.last_ns if self._ticker.lockstep \
+            else self.get_clock().now().nanoseconds
+
+    def _release(self):
+        self._driver.release()
+        self._lost = False
+
+    @staticmethod
+    def _serve(response, forbidden, action, done):
         try:
-            if self._permission != SafetyState.RUN:
-                raise CommandRefused('actuators: the safety state is not RUN; reset the '
-                                     'supervisor first')
+            if forbidden:
+                raise CommandRefused(forbidden)
             action()
             response.success, response.message = True, done
         except CommandRefused as refusal:
@@ -142,8 +187,10 @@ class ActuatorDriverNode(Node):
 
     def close(self):
         """Hold where the pads are and let the hardware go."""
-        self._driver.hold()
-        self._driver.close()
+        try:
+            self._driver.hold()
+        finally:
+            self._driver.close()
 
 
 def main(args=None):

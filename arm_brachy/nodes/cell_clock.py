@@ -11,7 +11,7 @@ from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.nodes import parameters
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.spin import spin_node
-from arm_brachy.nodes.ticker import listen_to, publish_to
+from arm_brachy.nodes.ticker import call_every, listen_to, publish_to, unheard_by
 from arm_brachy_msgs.msg import TaskState
 
 PATIENCE_S = 60.0  # longest wait for one answer before the run is given up; a first solve compiles
@@ -23,7 +23,8 @@ class CellClock(Node):
     in   cell/done/<node>  TickDone   of every peer
          cell/task         TaskState  FINISHED ends the run
     out  /clock            Clock      one message a tick, from tick 1
-    par  scenario, peers, speed_limit (simulated seconds per second, 0 = as fast as answers come)
+    par  scenario, peers, speed_limit (simulated seconds per second, 0 = as fast as answers come),
+         patience_s
     """
 
     def __init__(self, **kwargs):
@@ -31,7 +32,9 @@ class CellClock(Node):
         setup = parameters.node_setup(self)
         self._speed_limit = parameters.number(
             self, 'speed_limit', 0.0, 'simulated seconds per second; 0 = no limit', 0.0, 1e3)
-        self._tick_ns, self._end = setup.tick_ns, None
+        self._patience = parameters.number(
+            self, 'patience_s', PATIENCE_S, 'longest wait for one answer, in wall time', 1.0, 1e4)
+        self._tick_ns = setup.tick_ns
         self._answers = dict.fromkeys(set(setup.peers) - {graph.CELL_CLOCK.name}, -1)
         self._tick, self._tasks, self._tasks_due = 0, [], 0
         self._began = self._last_answer = time.monotonic()
@@ -40,16 +43,17 @@ class CellClock(Node):
         for peer in sorted(self._answers):
             listen_to(self, graph.TICK_DONE.at(node=peer), self._on_done, lockstep=True)
         listen_to(self, graph.TASK, self._on_task, lockstep=True)
-        self.create_timer(1.0, self._watch)
+        call_every(self, 1.0, self._watch)
 
     def _on_task(self, msg):
         self._tasks.append(msg)
         self._advance()
 
     def _on_done(self, msg):
-        self._answers[msg.node] = max(self._answers[msg.node], msg.tick)
+        if msg.tick > self._answers[msg.node]:  # tick 0 is answered again and again
+            self._answers[msg.node] = msg.tick
+            self._last_answer = time.monotonic()
         self._tasks_due = max(self._tasks_due, self._tasks_said(msg))
-        self._last_answer = time.monotonic()
         self._advance()
 
     def _tasks_said(self, msg):
@@ -63,7 +67,10 @@ class CellClock(Node):
 
     def _ready(self):
         """Before the first tick: every reader of /clock is connected."""
-        return self._tick > 0 or self._pub.get_subscription_count() >= len(self._answers)
+        return self._tick > 0 or not self._deaf()
+
+    def _deaf(self):
+        return unheard_by(self, self._pub, sorted(self._answers))
 
     def _next_tick(self):
         if self._tasks and self._tasks[-1].state == TaskState.FINISHED:
@@ -93,11 +100,20 @@ class CellClock(Node):
 
     def _watch(self):
         waited = time.monotonic() - self._last_answer
-        behind = sorted(n for n, k in self._answers.items() if k < self._tick or k < 0)
-        if waited > PATIENCE_S:
+        if waited > self._patience:
             raise ArmBrachyError(
-                f'cell_clock: no answer to tick {self._tick} for {waited:.0f} s from '
-                f'{", ".join(behind)}; allowed {PATIENCE_S:.0f} s: see their logs')
+                f'tick {self._tick} has not ended for {waited:.0f} s, allowed '
+                f'{self._patience:.0f} s: {self._missing()}; see the logs')
+
+    def _missing(self):
+        behind = sorted(n for n, k in self._answers.items() if k < self._tick)
+        if gone := sorted(set(behind) - set(self.get_node_names())):
+            return f'not running: {", ".join(gone)}'
+        if behind:
+            return f'no answer from {", ".join(behind)}'
+        if len(self._tasks) < self._tasks_due:
+            return f'{len(self._tasks)} of {self._tasks_due} messages of cell/task have arrived'
+        return f'/clock is not heard by {", ".join(self._deaf())}'
 
 
 def main(args=None):

@@ -6,12 +6,13 @@ from std_srvs.srv import Trigger
 
 from arm_brachy import cell, graph
 from arm_brachy.control.goal import Goal, GoalKind
+from arm_brachy.control.safety import Permission
 from arm_brachy.core.errors import CommandRefused
+from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
-from arm_brachy_msgs.msg import SafetyState
 from arm_brachy_msgs.srv import SetGoal
 
 
@@ -20,7 +21,7 @@ class MpcManipulatorNode(Node):
 
     in   actuators/state     JointState   encoders
          em/<tool>/pose      PoseStamped  of every tool
-         cell/safety         SafetyState  a hold drops the goal
+         cell/safety         SafetyState  all but RUN, or (wall pace) silence, drops the goal
     out  actuators/command   ActuatorCommand    every control period while a goal is pursued
          manipulation/state  ManipulationState  every control period
     srv  ~/set_goal SetGoal, ~/abort and ~/hold Trigger
@@ -32,6 +33,11 @@ class MpcManipulatorNode(Node):
         setup = parameters.node_setup(self)
         self._frame, self._names = setup.frame, [p.name for p in setup.cell.scene.pads]
         self._control = cell.build_controller(setup.cell)
+        if graph.SUPERVISOR.name in setup.peers:
+            self._control.permit(Permission.HOLD, 'no word from the supervisor yet')
+        # in lockstep the clock waits for the supervisor, so it is never silent
+        self._patience = None if setup.lockstep else setup.cell.scenario.limits.silence
+        self._permitted_ns = None
         ticker = Ticker(self, graph.MPC_MANIPULATOR, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
         self._command_pub = ticker.publisher(graph.COMMAND)
@@ -49,19 +55,36 @@ class MpcManipulatorNode(Node):
 
     def _work(self, tick, t_ns, inputs):
         for msg in inputs[graph.SAFETY.name]:
-            if msg.state != SafetyState.RUN:
-                self._control.abort()
+            self._permitted_ns = convert.nanoseconds(msg)
+            self._control.permit(Permission(msg.state), msg.reason)
+        self._check_permission(t_ns)
         for name, tool in self._poses.items():
             for msg in inputs[name]:
                 self._control.hear(tool, convert.nanoseconds(msg) * 1e-9,
                                    convert.xyz(msg.pose.position))
         if inputs[graph.ACTUATORS.name]:
-            self._control.feel(inputs[graph.ACTUATORS.name][-1].position)
+            self._feel(t_ns, inputs[graph.ACTUATORS.name][-1])
         step = self._control.step(t_ns * 1e-9)
         if step is not None:
             self._publish(t_ns, step)
         self._health.beat(t_ns, lambda: {'target': self._control.target,
                                          'active': self._control.active})
+
+    def _check_permission(self, t_ns):
+        """Silence of the supervisor withdraws its permission: the bank does not move either."""
+        if self._patience is None or self._permitted_ns is None:
+            return
+        silence = (t_ns - self._permitted_ns) * 1e-9
+        if silence > self._patience:
+            self._control.permit(Permission.HOLD,
+                                 f'no word from the supervisor for {silence:.1f} s')
+
+    def _feel(self, t_ns, msg):
+        """Take the encoders in the scene's order of pads."""
+        try:
+            self._control.feel(cell.in_driver_order(msg.name, msg.position, self._names))
+        except CommandRefused as refusal:
+            self._health.refuse(t_ns, Outcome.REJECTED, f'{graph.ACTUATORS.name}: {refusal}')
 
     def _publish(self, t_ns, step):
         self._health.note(t_ns, step.outcome, step.message)
@@ -71,11 +94,8 @@ class MpcManipulatorNode(Node):
         self._state_pub(convert.manipulation_state(t_ns, self._frame, self._control, step))
 
     def _on_goal(self, request, response):
-        axes = tuple(bool(a) for a in request.axes)
-        value = tuple(convert.xyz(request.goal))
-        kind = GoalKind.DISPLACEMENT if request.relative else GoalKind.POSITION
         try:
-            answer = self._control.pursue(Goal(request.target, value, kind, axes))
+            answer = self._control.pursue(self._goal(request))
         except CommandRefused as refusal:
             response.accepted, response.message = False, str(refusal)
             self.get_logger().warning(response.message)
@@ -86,6 +106,15 @@ class MpcManipulatorNode(Node):
         response.reference = convert.point(answer.reference)
         response.closest = convert.point(answer.closest)
         return response
+
+    def _goal(self, request):
+        """The Goal asked for. Raises CommandRefused for one in another frame."""
+        if request.header.frame_id not in ('', self._frame):
+            raise CommandRefused(f'goal for {request.target}: frame_id = '
+                                 f'{request.header.frame_id!r}; must be {self._frame!r} or empty')
+        kind = GoalKind.DISPLACEMENT if request.relative else GoalKind.POSITION
+        return Goal(request.target, tuple(convert.xyz(request.goal)), kind,
+                    tuple(bool(a) for a in request.axes))
 
     def _on_abort(self, request, response):
         self._control.abort()

@@ -8,18 +8,17 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from arm_brachy import graph
-from arm_brachy.control.sequencer import Action, Sequencer
+from arm_brachy.control.sequencer import HOME, REST, Action, Sequencer
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.nodes import convert, parameters
+from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.spin import spin_node
-from arm_brachy.nodes.ticker import Ticker
+from arm_brachy.nodes.ticker import Ticker, call_every
 from arm_brachy_msgs.msg import TaskState
 from arm_brachy_msgs.srv import SetGoal
 
-HOME = 0.2e-3   # a pad whose encoder reads less [m] is at home: a few counts of its resolution
 PATIENCE_S = 30.0  # with a service; the longest takes one solve of the model
-REST = 0.1e-3   # and slower than this [m/s] is at rest
 
 
 class OperatorNode(Node):
@@ -47,10 +46,10 @@ class OperatorNode(Node):
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
         ticker.unready = self._unready
         self._task_pub = ticker.publisher(graph.TASK)
-        self._diagnostics_pub = ticker.publisher(graph.DIAGNOSTICS)
+        self._health = Health(self, ticker, self._frame)
         for topic in graph.OPERATOR.subscribes:
             ticker.subscribe(topic)
-        self.create_timer(1.0, self._watch)
+        call_every(self, 1.0, self._watch)
         ticker.start()
 
     def _unready(self):
@@ -74,6 +73,8 @@ class OperatorNode(Node):
             return self._release(t_ns)
         if action is Action.FINISH:
             self._finish(t_ns)
+        self._health.beat(t_ns, lambda: {'phase': self._sequencer.phase.value,
+                                         'task': self._sequencer.index})
         if not self._lockstep:
             self._progress.sometimes(tick=tick, phase=self._sequencer.phase.value)
         return None
@@ -122,9 +123,10 @@ class OperatorNode(Node):
 
     def _finish(self, t_ns):
         if self._state is None or self._state.state != TaskState.FINISHED:
-            self._say(t_ns, TaskState.FINISHED)
-            if not self._lockstep:
-                self._progress.now(finished=True)
+            self._say(t_ns, TaskState.FINISHED, self._sequencer.verdict)
+        elif not self._lockstep:  # a tick later: everyone has heard it
+            self._progress.now(finished=True)
+            raise SystemExit(0)
 
     def _say(self, t_ns, state, message=''):
         msg = TaskState() if self._state is None else self._state

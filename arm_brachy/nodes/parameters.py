@@ -1,5 +1,7 @@
 """ROS parameters of the nodes: declared with description, unit and range, read once at start.
 
+All are read-only: setting one of a running node is refused, since nobody would read it.
+
 Each `quantity` of a device's parameter dataclass becomes a ROS parameter under its edge name
 (`stroke_mm`), whose default is what the scenario says. So the scenario is the one place where
 values live, and `--ros-args -p stroke_mm:=12.0` still changes a single node for a single run.
@@ -48,7 +50,7 @@ def node_setup(node):
     Raises ConfigError (one line) if the scenario is missing or wrong.
     """
     node.declare_parameter('scenario', Parameter.Type.STRING, ParameterDescriptor(
-        description='path of a scenario file (config/scenarios/*.yaml); required'))
+        description='path of a scenario file (config/scenarios/*.yaml); required', read_only=True))
     try:
         path = node.get_parameter('scenario').value
     except ParameterUninitializedException:
@@ -80,8 +82,15 @@ def text(node, name, default, description):
     return _declare(node, name, default, ParameterDescriptor(description=description), 'text')
 
 
+def flag(node, name, default, description):
+    """Declare and read a parameter that is true or false."""
+    return _declare(node, name, default, ParameterDescriptor(description=description),
+                    'true or false')
+
+
 def _declare(node, name, default, descriptor, allowed):
     """Declare, read, and turn ROS's refusal of a value into one line."""
+    descriptor.read_only = True
     try:
         return node.declare_parameter(name, default, descriptor).value
     except (InvalidParameterTypeException, InvalidParameterValueException):

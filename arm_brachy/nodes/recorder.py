@@ -19,7 +19,7 @@ from arm_brachy.scenario import bundle
 class RecorderNode(Node):
     """Write what was published, tick by tick, in an order that follows from the data alone.
 
-    in   every topic of the graph, raw;  /clock and cell/done/* of every peer
+    in   every topic of the graph, raw;  cell/done/* of every peer;  in lockstep /clock
     par  scenario; output: folder of the bag, must not exist (required)
     """
 
@@ -45,7 +45,7 @@ class RecorderNode(Node):
         self._canonical = Canonical({t.type: message_definition(t.type) for t in shared})
         self._shared, self._ends = {t.name: t.type for t in shared}, []
         for topic in present:
-            self._ticker.subscribe(topic, raw=True)
+            self._ticker.subscribe(topic, raw=True, lossless=True)
         self._ticker.start()
 
     def _work(self, tick, t_ns, inputs):

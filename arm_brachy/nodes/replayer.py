@@ -12,7 +12,7 @@ from arm_brachy.core.errors import ArmBrachyError, ConfigError, RecordingError
 from arm_brachy.nodes import parameters
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.spin import spin_node
-from arm_brachy.nodes.ticker import listen_to, publish_to
+from arm_brachy.nodes.ticker import call_every, listen_to, publish_to, unheard_by
 from arm_brachy.recording.reader import BagReader
 from arm_brachy_msgs.msg import TickDone
 
@@ -24,16 +24,20 @@ class ReplayerNode(Node):
 
     out  every recorded topic that one absent node publishes, as raw bytes; /clock; cell/done/*
     in   cell/done/<node>  TickDone  of every live node
-    par  scenario; bag: recording (required); peers: live and absent nodes; absent: those we play
+    par  scenario; bag: recording (required); peers: live and absent nodes; absent: those we play;
+         patience_s
     Topics that several nodes publish (health) are not replayed: live nodes speak for themselves.
+    The first tick is the one before or at the first message, so that dates are times as well.
     """
 
     def __init__(self, **kwargs):
-        super().__init__('replayer', **kwargs)
+        super().__init__(graph.REPLAYER, **kwargs)
         setup = parameters.node_setup(self)
         path = parameters.text(self, 'bag', '', 'recording to feed back')
         if not path:
             raise ConfigError('replayer: parameter bag is missing; give -p bag:=<folder>')
+        self._patience = parameters.number(
+            self, 'patience_s', PATIENCE_S, 'longest wait for one answer, in wall time', 1.0, 1e4)
         self._bag, self._tick_ns = BagReader(path), setup.tick_ns
         self._absent = setup.absent
         self._live = tuple(p for p in setup.peers
@@ -49,12 +53,13 @@ class ReplayerNode(Node):
                                  f'holds {", ".join(self._bag.topics())}')
         self._records = iter(self._bag.records(sorted(self._pubs)))
         self._pending = next(self._records, None)
-        self._last_ns = self._bag.span_ns[1]
+        begin_ns, self._last_ns = self._bag.span_ns
+        self._first = max(1, begin_ns // self._tick_ns)
         self._tick, self._answers = 0, dict.fromkeys(self._live, -1)
         self._progress, self._heard = Progress(), time.monotonic()
         for name in self._live:
             listen_to(self, graph.TICK_DONE.at(node=name), self._on_done, lockstep=True)
-        self.create_timer(0.1, self._announce)
+        call_every(self, 0.1, self._announce)
 
     def _adopt(self, name, type_name):
         """Play one recorded topic if exactly one absent node publishes it and none does live."""
@@ -71,36 +76,39 @@ class ReplayerNode(Node):
         self._pubs[name] = publish_to(self, replace(short, name=local))
         self._voice[name], self._counts[name] = (speakers[0], local), 0
 
-    def _readers_found(self):
-        return all(pub.get_subscription_count() >= graph.readers(self._voice[n][1], self._live)
-                   for n, pub in self._pubs.items()) \
-            and self._clock_pub.get_subscription_count() >= len(self._live) \
-            and all(pub.get_subscription_count() >= graph.waiters(n, self._live)
-                    for n, pub in self._done_pubs.items())
+    def _deaf(self):
+        """Live nodes that some topic of ours does not reach yet."""
+        wanted = [(pub, graph.readers(self._voice[n][1], self._live))
+                  for n, pub in self._pubs.items()]
+        wanted += [(pub, graph.waiters(n, self._live)) for n, pub in self._done_pubs.items()]
+        wanted.append((self._clock_pub, self._live))
+        return sorted({n for pub, nodes in wanted for n in unheard_by(self, pub, nodes)})
 
     def _announce(self):
         """Until the first tick: say tick 0 for the absent, once everyone can hear it."""
-        if self._tick == 0 and self._readers_found():
+        if self._tick == 0 and not self._deaf():
             self._answer_for_absent(0)
             self._advance()
-        if time.monotonic() - self._heard > PATIENCE_S:
-            late = [n for n, k in self._answers.items() if k < self._tick or k < 0]
-            raise ArmBrachyError(f'replayer: no answer to tick {self._tick} for {PATIENCE_S:.0f} '
-                                 f's from {", ".join(late)}: see their logs')
+        if time.monotonic() - self._heard > self._patience:
+            late = [n for n, k in self._answers.items() if k < self._tick]
+            missing = f'no answer from {", ".join(late)}' if late \
+                else f'not connected: {", ".join(self._deaf())}'
+            raise ArmBrachyError(f'tick {self._tick} has not ended for {self._patience:.0f} s: '
+                                 f'{missing}; see the logs')
 
     def _on_done(self, msg):
-        self._answers[msg.node] = max(self._answers[msg.node], msg.tick)
-        self._heard = time.monotonic()
+        if msg.tick > self._answers[msg.node]:  # tick 0 is answered again and again
+            self._answers[msg.node] = msg.tick
+            self._heard = time.monotonic()
         self._advance()
 
     def _advance(self):
-        if min(self._answers.values()) < self._tick or (self._tick == 0
-                                                        and not self._readers_found()):
+        if min(self._answers.values()) < self._tick or (self._tick == 0 and self._deaf()):
             return
         if self._pending is None and self._tick * self._tick_ns >= self._last_ns:
             self._progress.now(t=self._tick * self._tick_ns * 1e-9, finished=True)
             raise SystemExit(0)
-        self._tick += 1
+        self._tick = max(self._tick + 1, self._first)
         t_ns = self._tick * self._tick_ns
         while self._pending is not None and self._pending.log_time_ns <= t_ns:
             self._pubs[self._pending.topic].publish(self._pending.data)

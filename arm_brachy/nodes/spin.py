@@ -28,12 +28,20 @@ def spin_node(make_node, args=None):
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        if node is not None:
-            close = getattr(node, 'close', None)
-            if close is not None:
-                close()
-            node.destroy_node()
-        rclpy.try_shutdown()
+        try:
+            if node is not None:
+                _end(node)
+        finally:
+            rclpy.try_shutdown()
+
+
+def _end(node):
+    close = getattr(node, 'close', None)
+    try:
+        if close is not None:
+            close()
+    finally:
+        node.destroy_node()
 
 
 def _report(node, error):

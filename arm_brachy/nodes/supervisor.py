@@ -16,10 +16,12 @@ from arm_brachy_msgs.msg import SafetyState
 
 
 class SupervisorNode(Node):
-    """Convert, judge, publish the permission every tick and at once when it changes.
+    """Convert, judge, publish the permission every tick and at once when a service changes it.
+
+    At wall pace it holds until it has heard every peer, and each wrench of a force sensor.
 
     in   force/<pad>/wrench  WrenchStamped  against the force limit
-         cell/done/<node>    TickDone       sign of life of every peer
+         cell/done/<node>    TickDone       sign of life of every peer (wall pace)
     out  cell/safety         SafetyState    every tick
     srv  ~/emergency_stop, ~/hold, ~/reset  Trigger
     par  scenario, pad_force_N, silence_s
@@ -30,35 +32,39 @@ class SupervisorNode(Node):
         setup = parameters.node_setup(self)
         limits = parameters.device_parameters(self, setup.cell.scenario.limits)
         self._frame, self._silence = setup.frame, limits.silence
-        self._safety = Safety(limits.pad_force)
+        self._pads = {graph.WRENCH.at(pad=p.name).name: p.name for p in setup.cell.scene.pads}
+        # in lockstep the clock waits for whoever is silent, so nothing moves meanwhile
+        watched = () if setup.lockstep else self._watched(setup.peers)
+        wrenches = self._pads if graph.FORCE_SENSOR.name in watched else ()
+        self._safety = Safety(limits.pad_force, [*watched, *wrenches])
         self._heard, self._now_ns = {}, 0
         ticker = Ticker(self, graph.SUPERVISOR, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
         self._pub = ticker.publisher(graph.SAFETY)
         self._health = Health(self, ticker, self._frame)
-        self._pads = {graph.WRENCH.at(pad=p.name).name: p.name for p in setup.cell.scene.pads}
         for pad in self._pads.values():
             ticker.subscribe(graph.WRENCH.at(pad=pad))
-        if not setup.lockstep:
-            self._watch_peers(setup.peers)
+        for peer in watched:
+            listen_to(self, graph.TICK_DONE.at(node=peer), self._on_alive, lockstep=False)
         self.create_service(Trigger, '~/emergency_stop', self._on_stop)
         self.create_service(Trigger, '~/hold', self._on_hold)
         self.create_service(Trigger, '~/reset', self._on_reset)
         ticker.start()
 
-    def _watch_peers(self, peers):
-        """At wall pace a silent node is a hold; in lockstep the clock waits, so nothing moves."""
-        for peer in set(peers) - {graph.SUPERVISOR.name, graph.CELL_CLOCK.name,
-                                  graph.RECORDER.name}:
-            listen_to(self, graph.TICK_DONE.at(node=peer), self._on_alive, lockstep=False)
+    @staticmethod
+    def _watched(peers):
+        """Nodes whose silence is a hold."""
+        return set(peers) - {graph.SUPERVISOR.name, graph.CELL_CLOCK.name, graph.RECORDER.name}
 
     def _on_alive(self, msg):
         self._heard[msg.node] = time.monotonic()
+        self._safety.heard(msg.node)
 
     def _work(self, tick, t_ns, inputs):
         self._now_ns = t_ns
         for name, pad in self._pads.items():
             for msg in inputs[name]:
+                self._safety.heard(name)
                 self._safety.force(pad, convert.xyz(msg.wrench.force))
         now = time.monotonic()
         self._safety.silent(sorted(n for n, t in self._heard.items() if now - t > self._silence))
@@ -73,14 +79,19 @@ class SupervisorNode(Node):
 
     def _on_stop(self, request, response):
         self._safety.stop('emergency stop on request')
-        return self._changed(response, True, 'stopped; call ~/reset to run again')
+        return self._changed(response, True, 'stopped; to run again call supervisor/reset, then '
+                             'actuator_driver/release')
 
     def _on_hold(self, request, response):
         self._safety.hold('hold on request')
-        return self._changed(response, True, 'holding; call ~/reset to run again')
+        return self._changed(response, True, 'holding; call supervisor/reset to run again')
 
     def _on_reset(self, request, response):
-        return self._changed(response, *self._safety.reset())
+        stopped = self._safety.permission is Permission.STOP
+        done, message = self._safety.reset()
+        if done and stopped:
+            message += '; the drives stay cut until actuator_driver/release'
+        return self._changed(response, done, message)
 
     def _changed(self, response, success, message):
         self._publish()

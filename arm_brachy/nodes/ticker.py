@@ -8,8 +8,10 @@ machine is. Wall. A timer fires every tick and the node works with what has arri
 """
 
 import importlib
+import time
 from collections import deque
 
+import rclpy.clock
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -18,6 +20,7 @@ from rosgraph_msgs.msg import Clock
 
 from arm_brachy import graph
 from arm_brachy.core.errors import InputError
+from arm_brachy.nodes.inbox import Inbox
 from arm_brachy_msgs.msg import TickDone
 
 READY_PERIOD_S = 0.1
@@ -25,6 +28,7 @@ READY_PERIOD_S = 0.1
 # graph.py rules out) take part in every wait and make it three times as long.
 _NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 _NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+START_PATIENCE_S = 10.0  # wall pace: longest wait for the recorder before the first tick
 LOSSLESS_DEPTH = 1000  # a burst at start-up (nodes slow to import) must not push anything out
 
 
@@ -67,29 +71,25 @@ def listen_to(node, topic, callback, *, lockstep, raw=False):
                                     event_callbacks=_NO_SUBSCRIPTION_EVENTS)
 
 
-class Inbox:
-    """Messages of one topic that have arrived and have not been worked on."""
+def unheard_by(node, publisher, names):
+    """Those of the nodes `names` that have not connected to a publisher yet.
 
-    def __init__(self, upstream, delay):
-        """upstream : nodes whose counts say what is due;  delay : 0 same tick, 1 one before."""
-        self.upstream = upstream
-        self.delay = delay
-        self._queue = deque()
-        self._taken = 0
+    Counting is not enough: strangers (Foxglove, ros2 bag) and the ghosts of killed nodes count
+    too. Only reliable subscriptions are ours; that of use_sim_time to /clock is not.
+    """
+    found = {s.node_name for s in node.get_subscriptions_info_by_topic(publisher.topic_name)
+             if s.qos_profile.reliability == ReliabilityPolicy.RELIABLE}
+    names = list(names)
+    missing = [n for n in names if n not in found]
+    if not missing and publisher.get_subscription_count() < len(names):
+        return names  # known to the graph, not all of them matched
+    return missing
 
-    def put(self, msg):
-        """Keep a message that has arrived."""
-        self._queue.append(msg)
 
-    def holds(self, count):
-        """True once everything up to the publishers' total `count` has arrived."""
-        return self._taken + len(self._queue) >= count
-
-    def take(self, count=None):
-        """Remove and return the messages up to `count` (None = all there are), oldest first."""
-        n = len(self._queue) if count is None else count - self._taken
-        self._taken += n
-        return [self._queue.popleft() for _ in range(n)]
+def call_every(node, seconds, callback):
+    """Create a timer that follows neither simulated time nor corrections of the system's."""
+    steady = rclpy.clock.Clock(clock_type=rclpy.clock.ClockType.STEADY_TIME)
+    return node.create_timer(seconds, callback, clock=steady)
 
 
 class Ticker:
@@ -111,7 +111,7 @@ class Ticker:
         self.witness, self.unready = None, lambda: []
         self._node, self._spec, self._work = node, spec, work
         self._peers = frozenset(peers) - {spec.name}
-        self._readers = self._peers - frozenset(absent)
+        self._readers, self._replayed = self._peers - frozenset(absent), bool(absent)
         self._inboxes, self._publishers, self._counts = {}, {}, {}
         self._done = {}          # upstream -> {tick: counts by topic}
         self._ticks = deque()    # (tick, t_ns) announced and not yet answered
@@ -140,42 +140,59 @@ class Ticker:
 
         return publish
 
-    def subscribe(self, topic, *, raw=False):
-        """Collect a graph.Topic; who publishes it, and with what delay, the table says."""
+    def subscribe(self, topic, *, raw=False, lossless=False):
+        """Collect a graph.Topic; who publishes it, and with what delay, the table says.
+
+        lossless : ask for every message at wall pace too
+        """
         upstream = graph.writers(topic.name, self._peers)
         delay = 1 if any(u in self._spec.previous for u in upstream) else 0
-        inbox = self._inboxes[topic.name] = Inbox(upstream, delay)
+        inbox = self._inboxes[topic.name] = Inbox(topic.name, upstream, delay)
+        numbered = self.lockstep and len(upstream) == 1
 
-        def arrived(msg):
-            inbox.put(msg)
+        def arrived(msg, info):
+            inbox.put(msg, info['publication_sequence_number'] if numbered else None)
             self._advance()
 
-        listen_to(self._node, topic, arrived, lockstep=self.lockstep, raw=raw)
+        listen_to(self._node, topic, arrived, lockstep=self.lockstep or lossless, raw=raw)
 
     def start(self):
         """Begin to tick; call it once all publishers and subscriptions exist."""
+        if self.lockstep or self.witness is not None:
+            for upstream in sorted({*self._spec.same, *self._spec.previous} & self._peers):
+                self._done[upstream] = {}
+                listen_to(self._node, graph.TICK_DONE.at(node=upstream), self._on_done,
+                          lockstep=True, raw=True)
         if not self.lockstep:
-            self._started = True
-            self._node.create_timer(self.tick_ns * 1e-9, self._on_timer)
+            self._deadline = time.monotonic() + START_PATIENCE_S
+            call_every(self._node, self.tick_ns * 1e-9, self._on_timer)
             return
-        for upstream in sorted({*self._spec.same, *self._spec.previous} & self._peers):
-            self._done[upstream] = {}
-            listen_to(self._node, graph.TICK_DONE.at(node=upstream), self._on_done,
-                      lockstep=True, raw=True)
         listen_to(self._node, graph.CLOCK, self._on_clock, lockstep=True, raw=True)
-        self._ready_timer = self._node.create_timer(READY_PERIOD_S, self._announce_ready)
+        self._ready_timer = call_every(self._node, READY_PERIOD_S, self._announce_ready)
 
     def drain(self):
         """Return all that has arrived and was not worked on: topic name -> messages."""
         return {name: box.take() for name, box in self._inboxes.items()}
 
     def lonely(self):
-        """Topics of ours that some reader promised by the table has not connected to yet."""
-        names = [name for name, pub in self._publishers.items()
-                 if pub.get_subscription_count() < graph.readers(name, self._readers)]
-        if self._done_pub.get_subscription_count() < graph.waiters(self._spec.name, self._readers):
-            names.append(graph.TICK_DONE.at(node=self._spec.name).name)
-        return names
+        """Topics of ours, and the readers promised by the table that are not connected yet."""
+        wanted = [(name, pub, graph.readers(name, self._readers))
+                  for name, pub in self._publishers.items()]
+        wanted.append((graph.TICK_DONE.at(node=self._spec.name).name, self._done_pub,
+                       graph.waiters(self._spec.name, self._readers)))
+        missing = ((name, unheard_by(self._node, pub, map(self._player, nodes)))
+                   for name, pub, nodes in wanted)
+        return [f'{name} ({", ".join(nodes)})' for name, nodes in missing if nodes]
+
+    def _player(self, name):
+        """The process that plays a node: in a replay the clock is the replayer."""
+        return graph.REPLAYER if name == graph.CELL_CLOCK.name and self._replayed else name
+
+    def _recorder_missing(self):
+        """At wall pace, for a while: no recorder yet that would keep what we publish."""
+        return graph.RECORDER.name in self._readers and time.monotonic() < self._deadline and any(
+            unheard_by(self._node, pub, [graph.RECORDER.name])
+            for pub in (*self._publishers.values(), self._done_pub))
 
     def _announce_ready(self):
         """Answer tick 0, again and again until the clock starts."""
@@ -200,15 +217,19 @@ class Ticker:
 
     def _on_done(self, data):
         msg = deserialize_message(data, TickDone)
-        self._done[msg.node][msg.tick] = dict(zip(msg.topics, msg.counts, strict=True))
         if self.witness is not None and msg.tick > 0:
             self.witness(graph.TICK_DONE.at(node=msg.node).name,
                          Time.from_msg(msg.stamp).nanoseconds, data)
-        self._advance()
+        if self.lockstep:
+            self._done[msg.node][msg.tick] = dict(zip(msg.topics, msg.counts, strict=True))
+            self._advance()
 
     def _on_timer(self):
-        if not self._busy and not self.unready():
-            t_ns = self._node.get_clock().now().nanoseconds
+        t_ns = self._node.get_clock().now().nanoseconds
+        if t_ns <= self.last_ns:  # the system's time was set back: wait until it has caught up
+            return
+        self._started = self._started or not self._recorder_missing()
+        if self._started and not self._busy and not self.unready():
             self._run(self._tick + 1, t_ns, self.drain())
 
     def _advance(self):
@@ -220,24 +241,28 @@ class Ticker:
             return
         self._ticks.popleft()
         inputs = {name: box.take(due[name]) for name, box in self._inboxes.items()}
-        self._forget(tick)
+        self._forget()
         self._run(tick, t_ns, inputs)
 
     def _due_counts(self, tick):
-        """Messages due per topic for `tick`, or None while something is missing."""
+        """Messages due per topic for `tick`, or None while something is missing.
+
+        A feedback edge looks at the tick answered last: a replay need not begin with tick 1.
+        """
         for upstream, answers in self._done.items():
-            if tick - (upstream in self._spec.previous) not in answers:
+            if (self._tick if upstream in self._spec.previous else tick) not in answers:
                 return None
         due = {}
         for name, box in self._inboxes.items():
-            due[name] = sum(self._done[u][tick - box.delay].get(name, 0) for u in box.upstream)
+            when = self._tick if box.delay else tick
+            due[name] = sum(self._done[u][when].get(name, 0) for u in box.upstream)
             if not box.holds(due[name]):
                 return None
         return due
 
-    def _forget(self, tick):
+    def _forget(self):
         for answers in self._done.values():
-            for old in [k for k in answers if k < tick - 1]:
+            for old in [k for k in answers if k < self._tick]:
                 del answers[old]
 
     def _run(self, tick, t_ns, inputs):

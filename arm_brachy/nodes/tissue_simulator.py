@@ -1,6 +1,7 @@
 """ROS 2 shell of the soft body: pad positions in, points, wrenches and mesh out."""
 
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 
 from arm_brachy import cell, graph
 from arm_brachy.nodes import convert, parameters
@@ -44,7 +45,9 @@ class TissueNode(Node):
             if not states:
                 return
             msg = states[-1]  # wall pace only: a body that fell behind skips to the newest
-            stamp, position = convert.nanoseconds(msg), msg.position
+            names = msg.name if isinstance(msg, JointState) else msg.names
+            stamp = convert.nanoseconds(msg)
+            position = cell.in_driver_order(names, msg.position, self._body.pad_names)
         reading = self._body.step(stamp * 1e-9, position)
         self._health.note(stamp, reading.outcome)
         self._points_pub(convert.body_points(

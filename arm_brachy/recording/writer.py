@@ -2,6 +2,7 @@
 
 import os
 import threading
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +48,8 @@ class BagWriter:
         machine to keep the promised quarter second. A power cut may lose more: only `close`
         waits for the disk.
 
-    Calls may come from any thread. Raises RecordingError if the directory is in use.
+    Calls may come from any thread. Raises RecordingError if the directory is in use; any call
+    that writes does so if the disk is full.
     Test: recording/test_writer.py.
     """
 
@@ -60,9 +62,10 @@ class BagWriter:
         self._span = None
         self._failure = None
         self._lock = threading.Lock()
-        self._stream = self.path.open('wb')
-        self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
-        self._writer.start(profile=Profile.ROS2, library='arm_brachy')
+        with self._writing():
+            self._stream = self.path.open('wb')
+            self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
+            self._writer.start(profile=Profile.ROS2, library='arm_brachy')
         self.add_metadata('rosbag2', ROSBAG2_RECORD)
         if provenance:
             self.add_metadata(PROVENANCE, provenance)
@@ -88,7 +91,7 @@ class BagWriter:
         """
         if not topic.startswith('/'):
             raise RecordingError(f"topic {topic!r}; recorded names start with '/'")
-        with self._lock:
+        with self._writing():
             self._require_open()
             known = self._channels.get(topic)
             if known is None:
@@ -117,7 +120,7 @@ class BagWriter:
         sequence : the publisher's counter, 0 = none; kept modulo 2^32
         Raises RecordingError for a topic not declared, a negative time, or a full disk.
         """
-        with self._lock:
+        with self._writing():
             self._require_open()
             channel = self._channels.get(topic)
             if channel is None:
@@ -134,18 +137,18 @@ class BagWriter:
     def add_attachment(self, name, data, media_type='application/yaml'):
         """Keep a file inside the bag; text is stored as UTF-8. It bears no date."""
         content = data.encode() if isinstance(data, str) else bytes(data)
-        with self._lock:
+        with self._writing():
             self._writer.flush()
             self._writer.add_attachment(0, 0, name, media_type, content)
 
     def add_metadata(self, name, mapping):
         """Keep a record of str -> str inside the bag."""
-        with self._lock:
+        with self._writing():
             self._writer.add_metadata(name, {k: str(v) for k, v in mapping.items()})
 
     def flush(self):
         """Hand everything received to the operating system: it outlives this process now."""
-        with self._lock:
+        with self._writing():
             if not self._stream.closed:
                 self._writer.flush()
 
@@ -153,14 +156,16 @@ class BagWriter:
         """Finish the file, wait for the disk, write metadata.yaml. A second call does nothing."""
         self._stop.set()
         self._flusher.join()
-        with self._lock:
+        with self._writing():
             if self._stream.closed:
                 return
-            self._writer.finish()
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
-            self._stream.close()
-        _write_metadata(self.directory, self.path.name, self._channels, self._span or (0, 0))
+            try:
+                self._writer.finish()
+                self._stream.flush()
+                os.fsync(self._stream.fileno())
+            finally:
+                self._stream.close()
+            _write_metadata(self.directory, self.path.name, self._channels, self._span or (0, 0))
         if self._failure is not None:
             raise self._failure
 
@@ -169,6 +174,15 @@ class BagWriter:
 
     def __exit__(self, *_):
         self.close()
+
+    @contextmanager
+    def _writing(self):
+        """Alone at the file; what the operating system refuses becomes one line."""
+        with self._lock:
+            try:
+                yield
+            except OSError as error:
+                raise RecordingError(f'{self.path}: cannot be written: {error}') from None
 
     def _require_open(self):
         if self._failure is not None:
@@ -180,8 +194,8 @@ class BagWriter:
         while not self._stop.wait(period):
             try:
                 self.flush()
-            except OSError as error:  # handed to whoever writes next: a thread has no caller
-                self._failure = RecordingError(f'{self.path}: cannot be written: {error}')
+            except RecordingError as error:  # for whoever writes next: a thread has no caller
+                self._failure = error
                 return
 
 

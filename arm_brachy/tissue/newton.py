@@ -79,6 +79,7 @@ class StaticSolver:
         self.free = FreeDofs(self.assembler, held_nodes(body))
         self._factor = self.free.solver()
         self._tangent, self._shifted = None, False
+        self._left = 0.0   # residual [N] of the last state that `follow` found converged
 
     def held_positions(self, pad_displacement):
         """Return (n, 3) [m]: the rest positions with every pad moved.
@@ -127,16 +128,20 @@ class StaticSolver:
         """The same as `solve_held`, faster where states succeed each other in small steps.
 
         Corrections reuse the last factor, however old, as long as each is at most `chord` times
-        the one before; otherwise `solve_held` takes over. What is left at the end is below
-        tolerance chord / (1 - chord). Measured on 2325 tetrahedra in steps of 0.1 mm: 4.8 ms
+        the one before; otherwise `solve_held` takes over. The state returned, before the last
+        correction, is off by up to tolerance / (1 - chord), the rest of a geometric series. A
+        first correction has no ratio and ends nothing, however small, unless no more force is out
+        of balance than the last call left. Measured on 2325 tetrahedra in steps of 0.1 mm: 4.8 ms
         against 7.1 ms for `solve_held`; no gain from steps of 1 mm on.
         """
         fields = StepFields.of(self.body) if fields is None else fields
+        found = None
         if self._factor.factorised and not self._shifted:
             found = self._chord(np.array(x0, dtype=float), held_at, fields)
-            if found is not None:
-                return found
-        return self.solve_held(x0, held_at, fields)
+        if found is None:
+            found = self.solve_held(x0, held_at, fields)
+        self._left = found.residual if found.outcome.ok else 0.0
+        return found
 
     def _chord(self, x, held_at, fields):
         """StaticSolution by the old factor, or None where it does not serve any more."""
@@ -148,11 +153,12 @@ class StaticSolver:
                 return None
             direction = self._correction(state)
             size = np.abs(direction).max(initial=0.0)
-            if size <= self.options.tolerance:
-                counts = {'iterations': iterations, 'factorisations': 0, 'load_steps': 1}
-                return self._solution(x, state, counts, Outcome.OK)
             if size > self.options.chord * last:
                 return None
+            residual = np.abs(state.forces[self.free.free]).max(initial=0.0)
+            if size <= self.options.tolerance and (iterations or residual <= self._left):
+                counts = {'iterations': iterations, 'factorisations': 0, 'load_steps': 1}
+                return self._solution(x, state, counts, Outcome.OK)
             x, last = x + direction, size
         return None
 

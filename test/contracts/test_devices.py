@@ -168,7 +168,7 @@ def test_a_term_leaves_the_noise_as_it_was(make):
 
 def test_bank_states_share_no_memory():
     banks = [SimulatedBank(NAMES, [0.03] * 3, ActuatorParams(), (ActuatorLag(), Backlash()),
-                           homed=True) for _ in range(2)]
+                           np.random.default_rng(1), homed=True) for _ in range(2)]
     for bank in banks:
         bank.connect()
         bank.move([0.01, 0.02, 0.005])

@@ -199,6 +199,21 @@ def test_abort_stops_where_the_pads_are_and_a_new_goal_starts_there():
     assert np.all(bench.command <= SPEED * QUIET.mpc.period)
 
 
+def test_the_command_does_not_wind_up_while_the_pads_do_not_follow():
+    bench = Bench(J4)
+    bench.run(0.5)
+    bench.loop.set_goal(task(1, 't1'))
+    bench.run(0.5)
+    for _ in range(100):  # ten seconds in which the bank refuses every command
+        bench.k += PER_STEP
+        bench.samples = [(bench.k * SAMPLE, bench.position)]
+        bench.tick()
+    lead = SPEED * (QUIET.actuator_delay + QUIET.mpc.period)
+    assert (bench.command - bench.q).max() == pytest.approx(lead)
+    bench.run(10.0)
+    assert bench.steps[-1].reached
+
+
 def test_hold_keeps_the_command_and_resume_goes_on():
     bench = Bench(J4)
     with pytest.raises(CommandRefused, match='no goal'):

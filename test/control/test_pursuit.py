@@ -8,6 +8,7 @@ from arm_brachy.control.loop import ManipulatorParams
 from arm_brachy.control.manipulator import Manipulator
 from arm_brachy.control.model import ModelState
 from arm_brachy.control.pursuit import Pursuit
+from arm_brachy.control.safety import Permission
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
 
@@ -150,6 +151,34 @@ def test_a_goal_is_refused_while_the_model_fails(make, model):
     with pytest.raises(CommandRefused, match='solver stopped short'):
         pursuit.pursue(moved(1e-3))
     assert not pursuit.active
+
+
+@pytest.mark.parametrize(('age', 'taken'), [(0.45, True), (0.55, False)])
+def test_a_goal_is_refused_once_the_last_sample_is_stale(make, age, taken):
+    pursuit = make(stale_after=0.5)
+    pursuit.feel(np.zeros(2))
+    pursuit.hear('t1', 1.0, REST)
+    pursuit.step(1.0 + age)
+    if taken:
+        assert pursuit.pursue(moved(1e-3)).feasible
+    else:
+        with pytest.raises(CommandRefused, match=r'last seen 0\.55 s ago, allowed 0\.5 s'):
+            pursuit.pursue(moved(1e-3))
+
+
+@pytest.mark.parametrize('permission', [Permission.HOLD, Permission.STOP])
+def test_without_permission_the_goal_is_dropped_and_the_next_refused(make, permission):
+    pursuit = make()
+    pursuit.feel(np.zeros(2))
+    pursuit.hear('t1', 0.0, REST)
+    pursuit.pursue(moved(-3e-3))
+    pursuit.permit(permission, 'pad_1: too much')
+    assert not pursuit.active
+    with pytest.raises(CommandRefused, match='pad_1: too much.*actuator_driver/release'):
+        pursuit.pursue(moved(-3e-3))
+    pursuit.permit(Permission.RUN)
+    assert not pursuit.active
+    assert pursuit.pursue(moved(-3e-3)).feasible
 
 
 def drive(pursuit, t0, seconds, q, tick=0.05):

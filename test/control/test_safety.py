@@ -70,5 +70,23 @@ def test_the_first_cause_of_a_kind_is_the_one_told(safety):
     assert safety.reason == 'first'
 
 
+def test_it_holds_until_everybody_awaited_has_been_heard():
+    safety = Safety(30.0, awaited=('em_tracker', 'actuator_driver'))
+    assert safety.permission is Permission.HOLD
+    assert safety.reason == 'waiting for actuator_driver, em_tracker'
+    assert safety.reset() == (False, 'still in force: actuator_driver, em_tracker')
+    safety.heard('em_tracker')
+    assert safety.permission is Permission.HOLD
+    safety.heard('actuator_driver')
+    assert safety.permission is Permission.RUN and safety.reason == ''
+
+
+def test_a_cause_that_comes_during_the_wait_outlasts_it():
+    safety = Safety(30.0, awaited=('em_tracker',))
+    safety.stop('on request')
+    safety.heard('em_tracker')
+    assert (safety.permission, safety.reason) == (Permission.STOP, 'on request')
+
+
 def test_numbers_are_those_of_the_message():
     assert [int(p) for p in (Permission.RUN, Permission.HOLD, Permission.STOP)] == [0, 1, 2]

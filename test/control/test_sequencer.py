@@ -64,3 +64,14 @@ def test_time_counts_from_the_first_step():
     assert sequencer.step(101.9, True) is Action.WAIT
     assert sequencer.step(102.0, True) is Action.SET_GOAL
     assert sequencer.index == 0 and sequencer.phase is Phase.ACTIVE
+
+
+@pytest.mark.parametrize(('tasks_left', 'durations'), [(1, (1.0, 1.0)), (0, (1.0,))])
+def test_a_sequence_that_ends_early_says_what_was_left_out(tasks_left, durations):
+    sequencer = Sequencer(tasks(*durations), 0.0, homing_limit=3.0)
+    assert sequencer.verdict == ''
+    play(sequencer, 6.0, lambda t, released: False)
+    assert f'{tasks_left} of {len(durations)} tasks not begun' in sequencer.verdict
+    good = Sequencer(tasks(*durations), 0.0)
+    play(good, 6.0)
+    assert good.phase is Phase.FINISHED and good.verdict == ''

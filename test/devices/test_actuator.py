@@ -80,6 +80,41 @@ def test_encoder_reads_whole_counts():
         assert np.abs(state.q - state.pad).max() <= 0.5 * PARAMS.encoder_resolution + 1e-12
 
 
+def test_velocity_is_that_of_the_encoder_not_of_the_motor():
+    """Whole counts per read, also while homing moves the zero; the term shows in the encoder."""
+    bank = _bank(homed=False, start=np.array([0.004, 0.0, 0.01]))
+    bank.home()
+    states = _run(bank, 0.0, 3.0)
+    assert states[-1].homed.all()
+    counts = np.array([s.velocity for s in states]) * 0.02 / PARAMS.encoder_resolution
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    travel = 0.02 * np.sum([s.velocity for s in states], axis=0)
+    np.testing.assert_allclose(travel, [-0.004, 0.0, -0.01], atol=PARAMS.encoder_resolution)
+
+
+def test_effort_is_noisy_whole_counts_about_the_push_and_moves_no_pad():
+    """Mean and spread of 3 x 2000 readings within 4 standard errors."""
+    push = np.array([3.0, 0.0, 12.0])
+    read = np.array([s.effort for s in _run(_bank(), 0.0, 40.0, effort=push)])
+    counts = read / PARAMS.effort_resolution
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    spread = PARAMS.effort_noise
+    assert np.abs(read.mean(axis=0) - push).max() < 4.0 * spread / np.sqrt(2000)
+    np.testing.assert_allclose(read.std(axis=0), spread, rtol=4.0 / np.sqrt(2 * 2000))
+
+
+def test_reading_more_often_leaves_where_moves_end():
+    params = replace(PARAMS, position_repeatability=5e-5)
+    ends = []
+    for reads in (1, 40):
+        bank = _bank(params)
+        for k, q in enumerate((0.01, 0.012)):
+            bank.move([q] * 3)
+            pads = [bank.read(10.0 * (k + (j + 1) / reads)).pad for j in range(reads)]
+        ends.append(pads[-1])
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
+
+
 @pytest.mark.parametrize(('q', 'speed', 'says'), [
     ([0.01, 0.031, 0.0], None, 'pad_2: position = 31 mm; must be 0 to 30'),
     ([0.01, 0.0, 0.021], None, 'pad_3: position = 21 mm; must be 0 to 20'),
@@ -116,7 +151,7 @@ def test_must_be_homed_first_and_homing_finds_zero():
     bank.home()
     states = _run(bank, 0.0, 3.0)
     speeds = np.abs(np.array([s.velocity for s in states]))
-    assert speeds.max() <= PARAMS.home_speed * (1 + 1e-9)
+    assert speeds.max() <= PARAMS.home_speed + PARAMS.encoder_resolution / 0.02   # one count
     assert states[-1].homed.all()
     assert 0.01 / PARAMS.home_speed <= next(s.t for s in states if s.homed.all()) <= 2.3
     np.testing.assert_allclose(states[-1].q, 0.0, atol=1e-9)
@@ -220,15 +255,17 @@ def test_repeatability_is_the_spread_of_where_moves_end():
     ({'terms': (MarkerSlip(),)}, 'marker_slip acts at optical'),
     ({'terms': (Backlash(actuators=(3,)),)}, 'backlash: actuators'),
     ({'start': [0.0, 0.04, 0.0]}, 'pad_2: start_mm = 40'),
+    ({'rng': None}, 'effort_noise_N > 0 needs a random stream'),
 ])
 def test_bad_set_up_is_refused_by_name(change, says):
-    settings = {'names': NAMES, 'strokes': STROKES, 'params': PARAMS, **change}
+    settings = {'names': NAMES, 'strokes': STROKES, 'params': PARAMS,
+                'rng': np.random.default_rng(1), **change}
     with pytest.raises(ConfigError, match=says):
         SimulatedBank(**settings)
 
 
 def test_calls_out_of_order_are_refused():
-    bank = SimulatedBank(NAMES, STROKES, PARAMS, homed=True)
+    bank = SimulatedBank(NAMES, STROKES, PARAMS, rng=np.random.default_rng(1), homed=True)
     with pytest.raises(CommandRefused, match='connect first'):
         bank.read(0.0)
     bank.connect()

@@ -63,6 +63,17 @@ def test_without_truth_the_measurement_is_judged(run):
     assert np.isnan(numbers.real_time_factor)
 
 
+@pytest.mark.parametrize(('done', 'met'), [(3, True), (1, False), (0, False)])
+def test_a_task_that_never_ran_is_a_missed_goal(run, done, met):
+    cut = dataclasses.replace(run, tasks=run.tasks[:done], tasks_planned=3)
+    goal = next(g for g in assess.assess(cut).targets if g.name == 'tasks done')
+    assert (goal.value, goal.goal, goal.met) == (done, '= 3', met)
+
+
+def test_a_run_that_planned_no_tasks_is_not_held_to_any(numbers):
+    assert 'tasks done' not in [goal.name for goal in numbers.targets]
+
+
 def test_task_without_any_position_is_refused(run):
     with pytest.raises(InputError, match='neither EM samples nor truth'):
         assess.assess(dataclasses.replace(run, truth={}, em={}))

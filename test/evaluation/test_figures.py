@@ -1,5 +1,7 @@
 """What the figures draw: right numbers, right faces, same bytes, every form of file."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from arm_brachy.evaluation import (
 )
 from arm_brachy.evaluation.deformation import boundary_triangles
 from arm_brachy.evaluation.thesis import TABLE_3_1, Manipulation
+from arm_brachy.evaluation.timeseries import Series
 
 
 def lines_of(axis):
@@ -30,6 +33,21 @@ def test_time_response_draws_displacement_in_millimetres(run):
     assert [text.get_text() for text in axes[1, 0].texts] == ['free']
     assert lines_of(axes[4, 0])['pad 3'].get_ydata()[-1] == pytest.approx(11.0, abs=0.02)
     assert plate.caption.endswith('.')
+
+
+@pytest.mark.parametrize('way', [-1.0, 1.0])
+def test_free_is_written_where_no_data_are(run, way):
+    """A free axis that ends far up or far down."""
+    series = run.truth['target 1']
+    moved = series.values.copy()
+    moved[:, 2] += way * 4e-3 * np.minimum(series.t / 5.0, 1.0)
+    run = dataclasses.replace(run, truth={'target 1': Series(series.t, moved)}, em={})
+    axis = np.array(figures.time_response(run, run.tasks[:1], 0.3e-3).figure.axes)[2]
+    word, = axis.texts
+    end = lines_of(axis)['truth'].get_ydata()[-1]
+    low, high = axis.get_ylim()
+    assert word.get_text() == 'free'
+    assert abs(word.get_position()[1] - (end - low) / (high - low)) > 0.5
 
 
 def test_axis_at_rest_is_not_blown_up(run):
@@ -59,6 +77,15 @@ def test_body_shows_the_faces_turned_to_the_eye(run):
     assert len(surface.get_paths()) == np.count_nonzero(normal[:, 2] > 0)
     moved = np.linalg.norm(tissue.positions[4] - tissue.rest, axis=1) * 1e3
     assert surface.get_clim() == (0.0, pytest.approx(moved.max()))
+
+
+def test_body_names_targets_where_there_is_room(run):
+    other = Series(run.truth['target 1'].t, run.truth['target 1'].values + 0.01)
+    run = dataclasses.replace(run, truth={**run.truth, 'target 2': other})
+    above, side = body_view.body(run, 4).figure.axes[:2]
+    named = [{text.get_text() for text in axis.texts} & {'target 1', 'target 2'}
+             for axis in (above, side)]
+    assert named == [{'target 1', 'target 2'}, {'target 1'}]
 
 
 def test_comparison_places_every_row(tmp_path):

@@ -6,6 +6,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -110,6 +111,20 @@ def test_close_twice_then_write(tmp_path):
     with pytest.raises(RecordingError, match='closed'):
         bag.add_topic('/a', encode.JOINT_STATE)
     assert BagReader(tmp_path / 'bag').topics() == {}
+
+
+def test_a_full_disk_is_one_line(tmp_path, monkeypatch):
+    full = Path('/dev/full').open('wb')
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, 'open', lambda *_: full)
+        bag = BagWriter(tmp_path / 'bag', flush_period=60.0)
+    bag.add_topic('/a', encode.JOINT_STATE)
+    noise = np.random.default_rng(1).bytes(2_000_000)  # more than one chunk, incompressible
+    with pytest.raises(RecordingError, match='cannot be written: .*No space left'):
+        bag.write('/a', noise, 0)
+    with pytest.raises(RecordingError, match='cannot be written'):
+        bag.close()
+    bag.close()
 
 
 def test_misuse_is_refused_in_one_line(tmp_path, make_bag):

@@ -60,6 +60,18 @@ def short_scenario():
     return SCENARIO
 
 
+@pytest.fixture
+def live_scenario(tmp_path):
+    """Callable: writes the scenario with more YAML and patience with a loaded machine."""
+    def write(more=''):
+        config = SCENARIO.parents[2] / 'config'
+        text = SCENARIO.read_text().replace('../../config', str(config))
+        path = tmp_path / 'live.yaml'
+        path.write_text(f'{text}limits: {{silence_s: 2}}\n{more}\n')
+        return path
+    return write
+
+
 @pytest.fixture(scope='session')
 def quiet_run(tmp_path_factory):
     """Folder of a finished run, and what the command printed."""
@@ -110,6 +122,14 @@ class LiveNode:
         return status
 
 
+    def end(self):
+        """End it as a person would, so that it cleans up; by force if that does not help."""
+        try:
+            self.finish(signal.SIGINT)
+        except subprocess.TimeoutExpired:
+            self.finish(signal.SIGKILL)
+
+
 @pytest.fixture
 def start_node(ros_domain_id):
     """Callable that starts a LiveNode; all are ended with the test."""
@@ -121,4 +141,4 @@ def start_node(ros_domain_id):
 
     yield start
     for node in nodes:
-        node.finish(signal.SIGKILL)
+        node.end()

@@ -93,13 +93,11 @@ def test_controllers_and_sensors_never_hear_the_truth():
             assert node.name in allowed
 
 
-def test_the_report_is_written_and_no_process_is_left(quiet_run):
+def test_the_report_is_written_and_no_process_is_left(quiet_run, still_alive):
     folder, printed = quiet_run
     assert (folder / 'report.html').stat().st_size > 10_000
     assert 'real time' in printed
-    left = subprocess.run(['pgrep', '-f', str(folder)], capture_output=True, text=True,
-                          check=False).stdout
-    assert left == ''
+    assert still_alive(folder) == []
 
 
 def test_load_changes_no_bit_of_what_is_recorded(quiet_run, loaded_run):

@@ -14,21 +14,27 @@ from arm_brachy import graph
 from arm_brachy.core.scene import load_scene
 from arm_brachy.nodes import convert
 from arm_brachy.nodes.ticker import message_type, offered
-from arm_brachy_msgs.msg import ActuatorCommand
+from arm_brachy_msgs.msg import ActuatorCommand, SafetyState
 from arm_brachy_msgs.srv import SetGoal
 
 pytestmark = [pytest.mark.ros]
 
 
 class Rig(Node):
-    """Encoders at `q`, the target where it rests; keeps commands and states of the controller."""
+    """Encoders at `q`, the target where it rests; keeps commands and states of the controller.
+
+    permission : what it says as supervisor, None = nothing
+    """
 
     def __init__(self, target, position, pads):
         super().__init__('rig')
-        self.q, self.position, self.blind = np.zeros(pads), np.array(position), False
+        self.names, self.q = pads, np.zeros(len(pads))
+        self.position, self.blind, self.permission = np.array(position), False, SafetyState.RUN
         self.commands, self.states = [], []
         self._encoders = self.create_publisher(JointState, graph.ACTUATORS.name,
                                                offered(graph.ACTUATORS))
+        self._safety = self.create_publisher(SafetyState, graph.SAFETY.name,
+                                             offered(graph.SAFETY))
         topic = graph.EM_POSE.at(tool=target)
         self._pose = self.create_publisher(PoseStamped, topic.name, offered(topic))
         for topic, sink in ((graph.COMMAND, self.commands), (graph.MANIPULATION, self.states)):
@@ -38,8 +44,13 @@ class Rig(Node):
 
     def _play(self):
         now = self.get_clock().now().nanoseconds
+        # not in the order of the scene: names say what is what
         self._encoders.publish(JointState(header=convert.header(now, 'cell_base'),
-                                          position=convert.floats(self.q)))
+                                          name=self.names[::-1],
+                                          position=convert.floats(self.q[::-1])))
+        if self.permission is not None:
+            self._safety.publish(SafetyState(header=convert.header(now, 'cell_base'),
+                                             state=self.permission, reason='says the rig'))
         if not self.blind:
             pose = PoseStamped(header=convert.header(now, 'cell_base'))
             pose.pose.position = convert.point(self.position)
@@ -60,21 +71,21 @@ class Rig(Node):
         assert self.watch(future.done, 30), name
         return future.result()
 
-    def set_goal(self, target, goal, axes, relative=True):
+    def set_goal(self, target, goal, axes, relative=True, frame=''):
         """Ask for a goal."""
         return self.call(SetGoal, 'mpc_manipulator/set_goal', SetGoal.Request(
-            target=target, relative=relative, goal=Point(x=goal[0], y=goal[1], z=goal[2]),
-            axes=axes))
+            header=convert.header(0, frame), target=target, relative=relative,
+            goal=Point(x=goal[0], y=goal[1], z=goal[2]), axes=axes))
 
 
 @pytest.fixture
-def rig(start_node, short_scenario, ros_domain_id):
+def rig(start_node, short_scenario, live_scenario, ros_domain_id):
     scene = load_scene((short_scenario.parent / '../../config/scenes/breast.yaml').resolve())
     target = next(t for t in scene.targets if t.name == 'target_1')
     rclpy.init()
-    node = Rig('target_1', target.position, len(scene.pads))
-    start_node('mpc_manipulator', f'scenario:={short_scenario}', 'pace:=wall',
-               'peers:=["mpc_manipulator", "actuator_driver", "em_tracker"]')
+    node = Rig('target_1', target.position, [p.name for p in scene.pads])
+    start_node('mpc_manipulator', f'scenario:={live_scenario()}', 'pace:=wall',
+               'peers:=["mpc_manipulator", "actuator_driver", "em_tracker", "supervisor"]')
     assert node.watch(lambda: len(node.states) > 20, 60)  # two seconds of a standing target
     yield node
     node.destroy_node()
@@ -130,6 +141,48 @@ def test_a_bad_goal_is_refused_with_a_reason(rig, target, goal, axes, said):
     assert '\n' not in answer.message
     rig.watch(lambda: False, 0.3)
     assert rig.commands == []
+
+
+def test_a_goal_in_another_frame_is_refused(rig):
+    answer = rig.set_goal('target_1', (-2e-3, 0.0, 0.0), X, frame='probe')
+    assert not answer.accepted
+    assert "frame_id = 'probe'; must be 'cell_base' or empty" in answer.message
+    assert rig.set_goal('target_1', (-2e-3, 0.0, 0.0), X, frame='cell_base').accepted
+
+
+def test_encoders_are_told_apart_by_name(rig):
+    rig.q[0] = 5e-3
+    rig.watch(lambda: False, 0.5)
+    assert rig.set_goal('target_1', (-1e-3, 0.0, 0.0), X).accepted
+    assert rig.watch(lambda: rig.commands)
+    assert rig.commands[0].names == rig.names
+    assert rig.commands[0].position[0] >= 5e-3 and max(rig.commands[0].position[1:]) < 5e-3
+
+
+@pytest.mark.parametrize(('state', 'name'), [(SafetyState.HOLD, 'HOLD'),
+                                             (SafetyState.STOP, 'STOP')])
+def test_what_is_not_permitted_drops_the_goal_and_refuses_the_next(rig, state, name):
+    assert rig.set_goal('target_1', (-3e-3, 0.0, 0.0), X).accepted
+    assert rig.watch(lambda: rig.states[-1].active)
+    rig.permission = state
+    assert rig.watch(lambda: not rig.states[-1].active)
+    answer = rig.set_goal('target_1', (-3e-3, 0.0, 0.0), X)
+    assert not answer.accepted
+    assert f'{name} (says the rig)' in answer.message
+    assert 'actuator_driver/release' in answer.message
+
+
+def test_a_silent_supervisor_drops_the_goal_for_good(rig):
+    assert rig.set_goal('target_1', (-3e-3, 0.0, 0.0), X).accepted
+    assert rig.watch(lambda: rig.states[-1].active)
+    rig.permission = None
+    assert rig.watch(lambda: not rig.states[-1].active)
+    assert 'no word' in rig.set_goal('target_1', (-3e-3, 0.0, 0.0), X).message
+    rig.permission = SafetyState.RUN
+    count = len(rig.commands)
+    rig.watch(lambda: False, 0.5)
+    assert len(rig.commands) == count
+    assert rig.set_goal('target_1', (-3e-3, 0.0, 0.0), X).accepted
 
 
 def test_losing_the_tracker_holds_the_command(rig):

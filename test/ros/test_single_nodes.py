@@ -1,11 +1,11 @@
 """`ros2 run` of one node: parameters with unit and range, one-line errors, a quiet end."""
 
 import signal
-import time
 
 import pytest
 import rclpy
-from rcl_interfaces.srv import DescribeParameters, GetParameters
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.node import Node
 
 pytestmark = [pytest.mark.ros]
@@ -57,6 +57,10 @@ def test_parameters_have_description_unit_and_range(start_node, probe, short_sce
                  GetParameters.Request(names=['rate_Hz', 'pace'])).values
     assert values[0].double_value == 20.0
     assert values[1].string_value == 'wall'
+    value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=10.0)
+    result, = ask(probe, SetParameters, 'em_tracker/set_parameters', SetParameters.Request(
+        parameters=[Parameter(name='rate_Hz', value=value)])).results
+    assert not result.successful and 'read-only' in result.reason
 
 
 def test_a_value_out_of_range_is_refused(start_node, short_scenario):
@@ -67,9 +71,9 @@ def test_a_value_out_of_range_is_refused(start_node, short_scenario):
     assert 'dropout_probability' in node.lines[0]
 
 
-def test_a_node_ends_quietly_on_a_signal(start_node, short_scenario):
+def test_a_node_ends_quietly_on_a_signal(start_node, probe, short_scenario):
     node = start_node('optical_tracker', f'scenario:={short_scenario}', 'pace:=wall')
-    time.sleep(4.0)
+    ask(probe, GetParameters, 'optical_tracker/get_parameters', GetParameters.Request())
     assert node.process.poll() is None
     assert node.finish(signal.SIGINT) == 0
     assert not any('Traceback' in line for line in node.lines)

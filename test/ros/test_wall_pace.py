@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from arm_brachy import graph
 from arm_brachy.offline import load_run
 from arm_brachy.recording.reader import BagReader
 
@@ -30,6 +31,15 @@ def test_the_goal_is_reached_in_real_time(wall_run):
         first, last = reader.span_ns
     assert first > 1e18  # stamps are dates, not simulated seconds
     assert 5.0 < (last - first) * 1e-9 < 40.0
+
+
+def test_every_node_says_how_much_it_published(wall_run):
+    run, _ = wall_run
+    wanted = {f'/cell/done/{n}' for n in graph.CELL if n not in ('cell_clock', 'recorder')}
+    assert wanted <= {t.topic for t in run.topics}
+    lost = {t.topic: t.published - len(t.stamps) for t in run.topics if t.published is not None}
+    assert lost['/actuators/state'] >= 0
+    assert max(lost.values()) <= 0, lost
 
 
 def test_streams_keep_their_rates(wall_run):

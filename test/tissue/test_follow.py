@@ -66,3 +66,38 @@ def test_the_walk_is_repeatable_bit_for_bit(body):
             x = walker.follow(x, at(walker, push)).x
         ends.append(x)
     assert np.array_equal(*ends)
+
+
+def test_what_is_left_is_within_the_bound_it_states(body):
+    """Against a solver a thousand times tighter, with a tolerance that leaves something to see."""
+    options = NewtonOptions(tolerance=1e-6)
+    walker, x = StaticSolver(body, options=options), body.mesh.nodes
+    tight = StaticSolver(body, options=NewtonOptions(tolerance=1e-9))
+    chords = 0
+    for push in np.arange(1, 9) * 0.1e-3:
+        found = walker.follow(x, at(walker, push))
+        x = found.x
+        if found.factorisations == 0:
+            chords += 1
+            exact = tight.solve_held(x, at(walker, push)).x
+            assert np.abs(x - exact).max() <= options.tolerance / (1.0 - options.chord)
+    assert chords >= 4
+
+
+def test_a_factor_of_another_state_cannot_make_an_error_look_small(body):
+    """A factor a thousand times too stiff makes any correction tiny: no proof of convergence."""
+    walker = StaticSolver(body, options=NewtonOptions(tolerance=1e-6))
+    first = walker.follow(body.mesh.nodes, at(walker, 0.1e-3))
+    walker._factor.factor(1e3 * walker.free.upper(walker.assembler.tangent(first.x)))
+    off = first.x.copy()
+    off[walker.free.free] += 1e-4 * np.sin(1e3 * off[walker.free.free])
+    found = walker.follow(off, at(walker, 0.1e-3))
+    assert np.abs(found.x - first.x).max() < 2e-6
+
+
+def test_a_body_at_rest_costs_nothing_and_stays_to_the_bit(body):
+    walker = StaticSolver(body)
+    first = walker.follow(body.mesh.nodes, at(walker, 1e-3))
+    again = walker.follow(first.x, at(walker, 1e-3))
+    assert (again.iterations, again.factorisations) == (0, 0)
+    assert np.array_equal(again.x, first.x)

@@ -1,0 +1,68 @@
+"""The launcher on processes that are not nodes: how they end, and which domain they get."""
+
+import sys
+from dataclasses import dataclass
+
+import pytest
+
+from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.launcher import Launcher
+
+FINISHED = 'import json; print(json.dumps({"progress": {"finished": True}}))'
+
+
+@dataclass(frozen=True)
+class Script:
+    """Stands for a NodeProcess."""
+
+    name: str
+    code: str
+
+    def argv(self):
+        return [sys.executable, '-c', self.code]
+
+
+@pytest.fixture(autouse=True)
+def any_domain(monkeypatch):
+    monkeypatch.delenv('ROS_DOMAIN_ID', raising=False)
+
+
+def test_a_leader_may_end_with_its_last_line(tmp_path):
+    assert Launcher([Script('leader', FINISHED)], 'leader', tmp_path).run()
+
+
+def test_a_dead_process_is_named_with_its_status_and_last_line(tmp_path):
+    script = Script('tracker', 'import sys; print("no cable", file=sys.stderr); sys.exit(2)')
+    with pytest.raises(ArmBrachyError, match='tracker ended with status 2: no cable') as caught:
+        Launcher([script], 'tracker', tmp_path).run()
+    assert caught.value.exit_status == 2
+
+
+def domain_of(tmp_path, on_progress=lambda name, values: None):
+    """Run once; returns the ROS_DOMAIN_ID that the process saw."""
+    seen = []
+    code = ('import json, os, time; print(json.dumps({"progress": {"finished": True, '
+            '"domain": os.environ["ROS_DOMAIN_ID"]}}), flush=True); time.sleep(30)')
+
+    def note(name, values):
+        seen.append(values['domain'])
+        on_progress(name, values)
+
+    assert Launcher([Script('leader', code)], 'leader', tmp_path, note).run()
+    return seen[0]
+
+
+def test_two_runs_never_share_a_domain(tmp_path):
+    inner = []
+    outer = domain_of(tmp_path, lambda *_: inner.append(domain_of(tmp_path)))
+    assert inner[0] != outer
+
+
+def test_an_exported_domain_in_use_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', '102')
+
+    def again(*_):
+        with pytest.raises(ArmBrachyError, match='ROS_DOMAIN_ID = 102 is in use'):
+            domain_of(tmp_path)
+
+    assert domain_of(tmp_path, again) == '102'
