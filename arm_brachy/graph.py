@@ -59,7 +59,7 @@ EM_STATUS = Topic('em/{tool}/status', 'arm_brachy_msgs/msg/ToolStatus',
 OPTICAL = Topic('optical/markers', 'arm_brachy_msgs/msg/OpticalFrame',
                 'all optical markers of a frame', 5, False)
 WRENCH = Topic('force/{pad}/wrench', 'geometry_msgs/msg/WrenchStamped',
-               'tissue on pad, base frame', 5, False)
+               'tissue on pad: base axes, moment about the displaced disc centre', 5, False)
 MANIPULATION = Topic('manipulation/state', 'arm_brachy_msgs/msg/ManipulationState',
                      "the controller's belief and decision")
 

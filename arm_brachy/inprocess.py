@@ -223,8 +223,9 @@ class InProcess:
         try:
             answer = self.control.pursue(
                 Goal(task.target, task.displacement, GoalKind.DISPLACEMENT, axes))
-        except CommandRefused:
-            return   # a planned task that is not among the tasks of `data`
+        except CommandRefused as refusal:
+            self._count('operator', Outcome.REJECTED, str(refusal))
+            return
         self._goal = (task, self.t, answer, np.array(axes))
 
     def _release(self):

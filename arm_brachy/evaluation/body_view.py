@@ -141,7 +141,7 @@ def _draw_targets(axis, view, run, t):
 
 
 def _named(run, view):
-    """Targets that get their name: all from above; from the side, where they overlap, the tasks."""
+    """Targets to name: all from above; from the side, where they overlap, the tasks' own."""
     return run.truth.keys() if view is VIEWS[0] else {task.target for task in run.tasks}
 
 

@@ -10,12 +10,13 @@ from std_srvs.srv import Trigger
 from arm_brachy import graph
 from arm_brachy.control.sequencer import HOME, REST, Action, Sequencer
 from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.spin import spin_node
-from arm_brachy.nodes.ticker import Ticker, call_every
-from arm_brachy_msgs.msg import TaskState
+from arm_brachy.nodes.ticker import Ticker, call_every, listen_to
+from arm_brachy_msgs.msg import SafetyState, TaskState
 from arm_brachy_msgs.srv import SetGoal
 
 PATIENCE_S = 30.0  # with a service; the longest takes one solve of the model
@@ -23,6 +24,8 @@ PATIENCE_S = 30.0  # with a service; the longest takes one solve of the model
 
 class OperatorNode(Node):
     """Set a goal, wait, send the pads home, next task; the tick is answered with the service.
+
+    At wall pace the first task waits until the supervisor has said RUN for the first time.
 
     in   actuators/state  JointState
          manipulation/state  ManipulationState  (its tick comes before ours)
@@ -45,6 +48,9 @@ class OperatorNode(Node):
         ticker = Ticker(self, graph.OPERATOR, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
         ticker.unready = self._unready
+        self._permitted = setup.lockstep or graph.SUPERVISOR.name not in setup.peers
+        if not self._permitted:
+            listen_to(self, graph.SAFETY, self._on_safety, lockstep=False)
         self._task_pub = ticker.publisher(graph.TASK)
         self._health = Health(self, ticker, self._frame)
         for topic in graph.OPERATOR.subscribes:
@@ -57,6 +63,9 @@ class OperatorNode(Node):
         clients = (self._goal_client, self._abort_client, self._home_client)
         return [c.srv_name for c in clients if not c.service_is_ready()]
 
+    def _on_safety(self, msg):
+        self._permitted = self._permitted or msg.state == SafetyState.RUN
+
     def _watch(self):
         if self._asked is not None and time.monotonic() - self._asked > PATIENCE_S:
             raise ArmBrachyError(f'operator: a service has not answered for {PATIENCE_S:.0f} s; '
@@ -66,6 +75,8 @@ class OperatorNode(Node):
         for msg in inputs[graph.ACTUATORS.name]:
             q, v = np.asarray(msg.position), np.asarray(msg.velocity)
             self._at_home = bool(np.all(q < HOME) and np.all(np.abs(v) < REST))
+        if not self._permitted:
+            return None
         action = self._sequencer.step(t_ns * 1e-9, self._at_home)
         if action is Action.SET_GOAL:
             return self._set_goal(t_ns, self._tasks[self._sequencer.index])
@@ -102,6 +113,8 @@ class OperatorNode(Node):
             target=task.target, start=answer.start, goal=answer.reference, axes=request.axes,
             message=answer.message)
         self._task_pub(self._state)
+        if not answer.accepted:
+            self._health.refuse(t_ns, Outcome.REJECTED, answer.message)
         self.get_logger().info(f'{task.name}: {answer.message or "goal accepted"}')
         finished.set_result(None)
 

@@ -209,14 +209,14 @@ def test_without_tasks_it_is_over_at_the_first_tick():
     assert loop.finished and loop.data().tasks == ()
 
 
-def test_a_refused_goal_is_a_task_that_was_not_done_and_no_outcome_of_a_node():
-    """As in the graph: the refusal is the answer to who asked."""
+def test_a_refused_goal_is_a_task_that_was_not_done():
     cell = make()
     loop = inprocess.InProcess(cell)
     loop.tracker.params = dataclasses.replace(loop.tracker.params, dropout_probability=1.0)
     data = upto(loop, SETTLE + 0.5).data()
     assert not loop.control.active and data.tasks == () and data.tasks_planned == 1
-    assert [o for o in data.outcomes if o.outcome == 'REJECTED'] == []
+    assert [(o.node, o.count) for o in data.outcomes if o.outcome == 'REJECTED'] == [
+        ('operator', 1)]
     goals = {goal.name: goal.met for goal in assess(data).targets}
     assert goals['tasks done'] is False
 
