@@ -266,6 +266,8 @@ def _topics(tally, kinds):
     published = Counter()
     for (_, name), count in tally.published.items():
         published['/' + name.lstrip('/')] += count
+    for name in published:  # of a run that died, messages outlive the last count of their sender
+        published[name] = max(published[name], len(tally.stamps[name]))
     return tuple(TopicRecord(name, kinds[name], np.sort(np.array(tally.stamps[name])),
                              published.get(name)) for name in sorted(tally.stamps))
 

@@ -268,3 +268,12 @@ def test_a_path_is_printed_whole(bag, tmp_path):
     deep = tmp_path / ('long_' * 20) / ('path_' * 20)
     answer = run('recover', bag, '--out', deep)
     assert str(Path(deep)) in answer.stdout
+
+
+@pytest.mark.parametrize(('file', 'key', 'allowed'), [
+    ('scene', 'pads[].stroke_mm', '0 to 200 mm'), ('scene', 'fixed.kind', 'half_space'),
+    ('scenario', 'control.mpc.horizon', 'int'), ('scenario', 'plant.nu', '0 to 0.4999')])
+def test_keys_lists_what_a_file_may_hold(file, key, allowed):
+    rows = [line.split('|')[1:5] for line in run('keys', file).stdout.splitlines()]
+    found = {row[0].strip(): row[2] for row in rows}
+    assert allowed in found[key]

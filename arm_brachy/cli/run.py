@@ -85,7 +85,14 @@ def replay(bag, scenario, nodes, out, json_file):
             _build(cell, 'model')
     processes = launcher.replay_processes(cell, cell.path, source, nodes, folder / 'bag')
     _launch(processes, 'replayer', folder, f'replay of {source.stem}')
-    _evaluate(folder / 'bag', folder, json_file, command=f'arm-brachy replay {bag}')
+    _evaluate(folder / 'bag', folder, json_file, command=_replayed(bag, scenario, nodes))
+
+
+def _replayed(bag, scenario, nodes):
+    """What to type to get this replay again."""
+    words = ['arm-brachy replay', str(bag)]
+    words += [f'--scenario {scenario}'] if scenario else []
+    return ' '.join(words + [f'--node {n}' for n in nodes if nodes != ('tissue_model',)])
 
 
 @click.command()

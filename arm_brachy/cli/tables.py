@@ -1,8 +1,13 @@
-"""`arm-brachy terms`, `nodes`: the tables of the documentation, as the program has them."""
+"""`arm-brachy terms`, `nodes`, `keys`: tables of the documentation, as the program has them."""
 
 import click
 
 from arm_brachy import graph, registry
+from arm_brachy.core.config import key_rows
+from arm_brachy.core.scene import Scene
+from arm_brachy.scenario import Scenario
+
+FILES = {'scene': Scene, 'scenario': Scenario}
 
 
 @click.command()
@@ -29,3 +34,20 @@ def nodes():
       arm-brachy nodes
     """
     click.echo(graph.documentation_table())
+
+
+@click.command()
+@click.argument('file', type=click.Choice(list(FILES)))
+def keys(file):
+    """Print the keys of scene and scenario files.
+
+    Markdown: default, allowed values, meaning. FILE is scene or scenario. In brackets [] is a
+    list item; `required` must be given.
+
+    \b
+    Example:
+      arm-brachy keys scenario
+    """
+    click.echo('| key | default | allowed | meaning |\n|---|---|---|---|')
+    for row in key_rows(FILES[file]):
+        click.echo('| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |')

@@ -201,3 +201,33 @@ def _build_value(hint, value):
     if isinstance(value, dict):
         return {k: _build_value(hint, v) for k, v in value.items()}
     return value
+
+
+def key_rows(cls, prefix=''):
+    """Rows (key, default, allowed, meaning) of every key that a file of `cls` may hold."""
+    infos, hints = quantities(cls), typing.get_type_hints(cls)
+    rows = []
+    for f in dataclasses.fields(cls):
+        inner = dataclasses_in(hints[f.name])
+        if f.name in infos:
+            info = infos[f.name]
+            rows.append((prefix + info.key(f.name), _default_text(f, info.to_edge), info.allowed(),
+                         info.text))
+        elif inner:
+            item = '[]' if typing.get_origin(hints[f.name]) is tuple else ''
+            rows += key_rows(inner[0], f'{prefix}{f.name}{item}.')
+        else:
+            rows.append((prefix + f.name, _default_text(f, str), _type_name(hints[f.name]), ''))
+    return rows
+
+
+def _default_text(f, shown):
+    if f.default is dataclasses.MISSING:
+        return 'required' if f.default_factory is dataclasses.MISSING else 'none'
+    return '' if f.default is None else str(shown(f.default))
+
+
+def _type_name(hint):
+    if typing.get_origin(hint) is typing.Literal:
+        return ' or '.join(map(str, typing.get_args(hint)))
+    return getattr(hint, '__name__', str(hint)) if not typing.get_args(hint) else str(hint)

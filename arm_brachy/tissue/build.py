@@ -15,6 +15,7 @@ from arm_brachy.tissue.mesh import boundary_faces, embed, load_mesh
 FACING = np.cos(np.deg2rad(75.0))
 # Meshers put nodes on the rim; they belong to the disc whatever their rounding.
 RIM = 1.001
+LARGEST_GAP = 5e-3  # m, between disc and surface at rest: half a disc, more is another place
 SMALLEST_PAD = 3  # nodes; fewer cannot carry the moments of a disc
 
 
@@ -86,7 +87,7 @@ def build_pad(mesh, patch):
 
     mesh : TetMesh;  patch : PadPatch; its named set if it has one, else the surface nodes within
         `radius` of the disc's axis that face it and join the one nearest to its centre
-    Raises MeshError if that leaves fewer than 3 nodes.
+    Raises MeshError if that leaves fewer than 3 nodes, or the disc is off the surface.
     """
     where = f'pad {patch.name}'
     direction, centre = _unit(patch.direction, where), np.array(patch.centre, dtype=float)
@@ -96,6 +97,11 @@ def build_pad(mesh, patch):
         raise MeshError(f'{where}: {len(nodes)} surface nodes within {1e3 * patch.radius:g} mm of '
                         f'its axis; must be at least {SMALLEST_PAD}; move the pad onto the '
                         'surface, enlarge it or refine the mesh')
+    gap = np.abs((mesh.nodes[nodes] - centre) @ direction).min()
+    if gap > LARGEST_GAP:
+        raise MeshError(f'{where}: its centre is {1e3 * gap:.1f} mm from the surface along its '
+                        f'direction; allowed {1e3 * LARGEST_GAP:g} mm; move the pad onto the '
+                        'surface')
     return Pad(patch.name, nodes, direction, centre, patch.stroke)
 
 

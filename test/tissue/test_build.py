@@ -67,6 +67,12 @@ def test_a_disc_wider_than_the_body_takes_no_flanks(mesh, scene):
     assert np.array_equal(body.pads[0].nodes, mesh.node_sets['z1'])
 
 
+def test_a_pad_off_the_surface_is_refused(mesh):
+    build_pad(mesh, PadPatch('near', (0.02, 0.02, 0.034), (0.0, 0.0, -1.0), radius=0.011))
+    with pytest.raises(MeshError, match='pad far: its centre is 20.0 mm from the surface'):
+        build_pad(mesh, PadPatch('far', (0.02, 0.02, 0.05), (0.0, 0.0, -1.0), radius=0.011))
+
+
 def test_pad_from_a_named_set(mesh, scene):
     named = dataclasses.replace(TOP, set='z1')
     body = build_body(dataclasses.replace(scene, pads=(named,)), mesh)
