@@ -4,6 +4,7 @@ import signal
 import sys
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import ExternalShutdownException
 
 from arm_brachy.core.errors import ArmBrachyError
@@ -13,8 +14,8 @@ def spin_node(make_node, args=None):
     """Run one node until it is interrupted or asks to end.
 
     make_node : callable returning a Node
-    Exits with the status of an ArmBrachyError (its one line on stderr) raised while the node is
-    made, with 1 for one raised later, else 0. A second Ctrl-C does not cut the clean-up short.
+    Exits with the status of an ArmBrachyError (its one line on stderr), else 0. A second Ctrl-C
+    does not cut the clean-up short.
     """
     rclpy.init(args=args)
     node = None
@@ -23,6 +24,9 @@ def spin_node(make_node, args=None):
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RCLError:  # a publish that was under way when the signal shut the context down
+        if rclpy.ok():
+            raise
     except ArmBrachyError as error:
         raise SystemExit(_report(node, error)) from None
     finally:
