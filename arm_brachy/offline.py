@@ -267,7 +267,7 @@ def _topics(tally, kinds):
     for (_, name), count in tally.published.items():
         published['/' + name.lstrip('/')] += count
     for name in published:  # of a run that died, messages outlive the last count of their sender
-        published[name] = max(published[name], len(tally.stamps[name]))
+        published[name] = max(published[name], len(tally.stamps.get(name, ())))
     return tuple(TopicRecord(name, kinds[name], np.sort(np.array(tally.stamps[name])),
                              published.get(name)) for name in sorted(tally.stamps))
 
