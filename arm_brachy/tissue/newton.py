@@ -131,8 +131,8 @@ class StaticSolver:
         the one before; otherwise `solve_held` takes over. The state returned, before the last
         correction, is off by up to tolerance / (1 - chord), the rest of a geometric series. A
         first correction has no ratio and ends nothing, however small, unless no more force is out
-        of balance than the last call left. On 2325 tetrahedra it
-        gains 10 to 30 % up to 0.1 mm a step and loses from 1 mm on (test/benchmark/newton_steps.py).
+        of balance than the last call left. On 2325 tetrahedra it gains 10 to 30 % up to 0.1 mm a
+        step and loses from 1 mm on (test/benchmark/newton_steps.py).
         """
         fields = StepFields.of(self.body) if fields is None else fields
         found = None
