@@ -39,7 +39,7 @@ def test_both_packages_are_built(workspace):
 def test_nodes_are_where_ros2_run_looks(workspace):
     folder = workspace / 'install/arm_brachy/lib/arm_brachy'
     executables = {path.name for path in folder.iterdir() if os.access(path, os.X_OK)}
-    nodes = {path.stem for path in (ROOT / 'arm_brachy/nodes').glob('*.py')
+    nodes = {path.stem for path in (ROOT / 'arm_brachy/nodes').glob('[!_]*.py')
              if 'def main(' in path.read_text()}
     assert executables == nodes | {'arm-brachy'}
 
