@@ -134,6 +134,34 @@ def beam_scene(name, loads, description):
     )
 
 
+# The body that solvers are compared on: half an ellipsoid, simple enough to be made anywhere.
+DOME_RADIUS, DOME_HEIGHT, DOME_PAD_RADIUS = 0.065, 0.055, 0.015
+
+
+def dome_scene(size):
+    """The comparison dome, pad on its apex, on its mesh called `size`, as a Scene."""
+    return Scene(
+        name=f'dome_{size}',
+        mesh=MeshFile(f'dome/{size}.msh'),
+        fixed=Region('half_space', point=(0.0, 0.0, 0.5e-3), normal=(0.0, 0.0, -1.0)),
+        material=Material(E=6e3, nu=0.49, density=1000.0),
+        pads=(PadPatch('apex', centre=(0.0, 0.0, DOME_HEIGHT), direction=(0.0, 0.0, -1.0),
+                       radius=DOME_PAD_RADIUS, stroke=0.03),),
+        targets=(Target('centre', (0.0, 0.0, 0.5 * DOME_HEIGHT)),),
+        description='half an ellipsoid pushed at its apex, for comparing solvers',
+    )
+
+
+def dome_surface(n_around=72, n_up=24):
+    """Half an ellipsoid on its base disc as a closed triangulation (trimesh.Trimesh, metres)."""
+    theta = np.linspace(0.0, 2.0 * np.pi, n_around, endpoint=False)
+    around = np.stack([np.cos(theta), np.sin(theta), np.zeros(n_around)], axis=1)
+    rings = [DOME_RADIUS * s * around for s in np.linspace(0.0, 1.0, 9)[1:]]
+    rings += [DOME_RADIUS * np.cos(t) * around + np.array([0.0, 0.0, DOME_HEIGHT * np.sin(t)])
+              for t in np.linspace(0.0, np.pi / 2, n_up + 1)[1:-1]]
+    return _stack(rings, np.zeros(3), np.array([0.0, 0.0, DOME_HEIGHT]))
+
+
 def beam_surface():
     """The beam, a 100 x 30 x 30 mm box, as a closed triangulation in metres (12 triangles)."""
     return trimesh.creation.box(bounds=[[-0.1, 0.0, 0.0], [0.0, 0.03, 0.03]])
@@ -151,12 +179,15 @@ def scenes():
         'silicone_beam.yaml': beam_scene('silicone_beam', (), 'clamped beam under its own weight'),
         'silicone_beam_load52.yaml': beam_scene(
             'silicone_beam_load52', (load,), 'clamped beam with a weight on the lower tip edge'),
+        'dome_small.yaml': dome_scene('small'),
+        'dome_large.yaml': dome_scene('large'),
     }
 
 
 def surfaces():
     """Every shipped surface, file name -> trimesh.Trimesh in metres."""
-    return {'breast/breast.stl': BreastShape().surface(), 'silicone_beam/beam.stl': beam_surface()}
+    return {'breast/breast.stl': BreastShape().surface(), 'dome/dome.stl': dome_surface(),
+            'silicone_beam/beam.stl': beam_surface()}
 
 
 # Mesh file -> (surface file, count or edge length wished for). 2331 and 4223: thesis ch. 3 and 5.
@@ -166,6 +197,8 @@ MESHES = {
     'breast/breast_2331.msh': ('breast/breast.stl', {'tets': 2331, 'envelope': 0.06}),
     'breast/breast_4223.msh': ('breast/breast.stl', {'nodes': 4223}),
     'breast/breast_plant.msh': ('breast/breast.stl', {'tets': 5200}),
+    'dome/small.msh': ('dome/dome.stl', {'tets': 2376, 'envelope': 0.06, 'tolerance': 0.02}),
+    'dome/large.msh': ('dome/dome.stl', {'tets': 19012, 'envelope': 0.06, 'tolerance': 0.02}),
     'silicone_beam/beam.msh': ('silicone_beam/beam.stl',
                                {'edge_length': 0.005, 'envelope': 0.001}),
 }
