@@ -22,7 +22,7 @@ from arm_brachy.devices.em_tracker import EmTracker
 from arm_brachy.devices.force_sensor import ForceSensor
 from arm_brachy.devices.optical_tracker import OpticalTracker
 from arm_brachy.tissue.build import build_body
-from arm_brachy.tissue.mesh import boundary_faces, embed, interpolate, load_mesh, rotations
+from arm_brachy.tissue.mesh import boundary_faces, embed, interpolate, rotations
 from arm_brachy.tissue.simulator import TissueSimulator
 
 
@@ -54,8 +54,8 @@ class Body:
     def __init__(self, scene, terms, release=None):
         """release : [s] when a body held in its stress-free shape is let go; None = never held."""
         self._release, self._started = release, False
-        self.mesh = load_mesh(scene.mesh.file, scene.mesh.unit)
-        self._body = build_body(scene, self.mesh)
+        self._body = build_body(scene)
+        self.mesh = self._body.mesh
         self.surface = boundary_faces(self.mesh)
         self._simulator = TissueSimulator(self._body, terms, dynamics=scene.dynamics)
         self.pad_names = self._body.pad_names
@@ -96,7 +96,7 @@ class Body:
     def _reading(self, state, displacement):
         points, turns = self._rest.copy(), np.tile(np.eye(3), (len(self._rest), 1, 1))
         points[self._in_tissue] = interpolate(self._embedding, state.x)
-        turns[self._in_tissue] = rotations(self._embedding, self.mesh.nodes, state.x)
+        turns[self._in_tissue] = rotations(self._embedding, state.x)
         for i, pad in enumerate(self.pad_names):
             points[[c == pad for c in self._carrier]] += displacement[i]
         return Reading(state.t, self.point_names, points, turns, displacement, state.pad_force,

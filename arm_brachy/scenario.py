@@ -30,9 +30,10 @@ TICK_ROUNDING_NS = 1e-3  # what conversion from ms leaves at most
 
 @dataclass(frozen=True)
 class Overlay:
-    """Departures from the scene: mesh, material, physics terms (`- {name: ..., ...}`)."""
+    """Departures from the scene: mesh, element, material, physics terms (`- {name: ..., ...}`)."""
 
     mesh: MeshFile | None = None
+    element: Literal['quadratic', 'linear'] | None = None
     E: float = quantity(..., 'kPa', "Young's modulus instead of the scene's", low=0.01, high=1e6)
     nu: float = quantity(..., '', "Poisson's ratio instead of the scene's", low=0.0, high=0.4999)
     terms: tuple[dict, ...] = ()
@@ -184,7 +185,8 @@ def _overlaid(scene, overlay, path):
     mesh = scene.mesh
     if overlay.mesh is not None:
         mesh = MeshFile(str((path.parent / overlay.mesh.file).resolve()), overlay.mesh.unit)
-    return replace(scene, material=material, mesh=mesh)
+    element = scene.element if overlay.element is None else overlay.element
+    return replace(scene, material=material, mesh=mesh, element=element)
 
 
 def _check_scene(scene, place):

@@ -88,6 +88,7 @@ class Scene:
     name: str
     mesh: MeshFile
     fixed: Region
+    element: Literal['quadratic', 'linear'] = 'quadratic'
     material: Material = field(default_factory=Material)
     dynamics: Literal['quasi_static', 'implicit'] = 'quasi_static'
     gravity: tuple = quantity([0, 0, 0], 'm_s2', 'gravity', shape=(3,))

@@ -8,7 +8,6 @@ from scipy.sparse import csr_array
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.tissue import kernels
 from arm_brachy.tissue.body import StepFields
-from arm_brachy.tissue.element import linear_tet
 
 
 class InvertedElement(ArmBrachyError):
@@ -41,9 +40,9 @@ class Assembler:
 
     def __init__(self, body):
         self.body = body
-        self.geometry = linear_tet(body.mesh.nodes, body.mesh.tets)
+        self.geometry = body.geometry
         self.n = len(body.mesh.nodes)
-        self._weight = self.lumped_mass()[:, None] * np.asarray(body.gravity, dtype=float)
+        self._weight = self._shared_mass()[:, None] * np.asarray(body.gravity, dtype=float)
         conn = self.geometry.connectivity
         self._node_start, self._node_slots = _grouped(conn.ravel(), self.n)
         self._make_pattern(conn)
@@ -69,11 +68,21 @@ class Assembler:
         self._indptr, self._indices = _expand(self._row_blocks, cols)
 
     def lumped_mass(self):
-        """Return (n,) [kg]: tissue mass shared by the shape functions, plus nodal_mass."""
-        geometry, body = self.geometry, self.body
-        share = np.einsum('m,mq,qa->ma', body.density, geometry.weights, geometry.shape)
-        mass = np.bincount(geometry.connectivity.ravel(), share.ravel(), minlength=self.n)
-        return mass if body.nodal_mass is None else mass + body.nodal_mass
+        """Return (n,) [kg]: tissue mass by `ElementGeometry.lumping`, plus nodal_mass."""
+        return self._nodal(np.outer(self.element_mass(), self.geometry.lumping))
+
+    def element_mass(self):
+        """Return (m,) [kg]."""
+        return self.body.density * self.geometry.weights.sum(axis=1)
+
+    def _shared_mass(self):
+        """(n,) [kg] integral of rho N_a: what gravity pulls on; negative at quadratic corners."""
+        return self._nodal(np.einsum('m,mq,qa->ma', self.body.density, self.geometry.weights,
+                                     self.geometry.shape))
+
+    def _nodal(self, share):
+        mass = np.bincount(self.geometry.connectivity.ravel(), share.ravel(), minlength=self.n)
+        return mass if self.body.nodal_mass is None else mass + self.body.nodal_mass
 
     def evaluate(self, x, fields=None):
         """Return the Evaluation at node positions x (n, 3) [m]; never raises on inversion.

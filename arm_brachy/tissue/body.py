@@ -1,21 +1,32 @@
 """What is simulated: an immutable description of one soft body and of one step's fields."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+
+from arm_brachy.tissue.element import element_geometry
 
 
 @dataclass(frozen=True)
 class TetMesh:
     """A tetrahedral mesh in its stress-free configuration, world frame.
 
-    nodes : (n, 3) [m];  tets : (m, 4) node indices, positively oriented
+    nodes : (n, 3) [m];  tets : (m, 4) corner nodes, positively oriented
     node_sets : name -> (k,) node indices
+    midside : (m, 6) nodes in the middle of `element.EDGES` of each tetrahedron, or None; with them
+        the elements are quadratic (`element.quadratic_mesh`)
     """
 
     nodes: np.ndarray
     tets: np.ndarray
     node_sets: dict = field(default_factory=dict)
+    midside: np.ndarray | None = None
+
+    @property
+    def connectivity(self):
+        """All nodes of each element, (m, 4) or (m, 10): corners first."""
+        return self.tets if self.midside is None else np.hstack([self.tets, self.midside])
 
 
 @dataclass(frozen=True)
@@ -73,6 +84,11 @@ class SoftBody:
     nodal_mass: np.ndarray | None = None
     damping: tuple = (0.0, 0.0)
 
+    @cached_property
+    def geometry(self):
+        """ElementGeometry of the mesh: linear or quadratic tetrahedra, as it has midside nodes."""
+        return element_geometry(self.mesh)
+
     @property
     def pad_names(self):
         """Names of the pads, in the order of every (p, ...) array."""
@@ -84,7 +100,8 @@ class StepFields:
     """What terms with memory may change for one step; the solver reads it and keeps it fixed.
 
     mu, kappa : (m,) [Pa] moduli in force during the step
-    stress : (m, 3, 3) [Pa] symmetric second Piola-Kirchhoff stress added to the elastic one
+    stress : (m, q, 3, 3) [Pa] symmetric second Piola-Kirchhoff stress added to the elastic one at
+        the element's quadrature points
     nodal_force : (n, 3) [N]
     """
 
@@ -98,4 +115,5 @@ class StepFields:
         """Fields of a body with no memory: its own moduli and dead loads, no added stress."""
         n = len(body.mesh.nodes)
         force = np.zeros((n, 3)) if body.nodal_force is None else body.nodal_force.copy()
-        return cls(body.mu.copy(), body.kappa.copy(), np.zeros((len(body.mu), 3, 3)), force)
+        stress = np.zeros((*body.geometry.weights.shape, 3, 3))
+        return cls(body.mu.copy(), body.kappa.copy(), stress, force)

@@ -9,7 +9,13 @@ from scipy.sparse.csgraph import connected_components
 from arm_brachy.core.errors import MeshError
 from arm_brachy.tissue.body import Pad, SoftBody
 from arm_brachy.tissue.material import moduli
-from arm_brachy.tissue.mesh import boundary_faces, embed, load_mesh
+from arm_brachy.tissue.mesh import (
+    boundary_faces,
+    embed,
+    load_mesh,
+    quadratic_mesh,
+    with_midside,
+)
 
 # A disc does not bond to a face steeper than 75 deg to its own (the flanks of a narrow body).
 FACING = np.cos(np.deg2rad(75.0))
@@ -22,11 +28,12 @@ SMALLEST_PAD = 3  # nodes; fewer cannot carry the moments of a disc
 def build_body(scene, mesh=None):
     """Return the SoftBody a core.scene.Scene describes.
 
-    scene : Scene, its mesh path absolute;  mesh : TetMesh to use instead of the scene's file
+    scene : Scene, its mesh path absolute
+    mesh : TetMesh to use, elements and all, instead of the scene's file and element
     Raises MeshError if a region is empty, a pad covers fewer than 3 nodes, two pads or a pad and
     the fixed region share nodes, or a load lies off the body.
     """
-    mesh = load_mesh(scene.mesh.file, scene.mesh.unit) if mesh is None else mesh
+    mesh = load_scene_mesh(scene) if mesh is None else mesh
     fixed = region_nodes(mesh, scene.fixed, f'scene {scene.name}: fixed')
     pads = tuple(build_pad(mesh, patch) for patch in scene.pads)
     _refuse_overlap(fixed, pads)
@@ -37,6 +44,15 @@ def build_body(scene, mesh=None):
                     gravity=np.array(scene.gravity, dtype=float),
                     nodal_mass=load_masses(mesh, scene.loads),
                     damping=(scene.rayleigh_alpha, scene.rayleigh_beta))
+
+
+def load_scene_mesh(scene):
+    """Return the TetMesh of a core.scene.Scene's file, quadratic if it says so.
+
+    Raises MeshError.
+    """
+    mesh = load_mesh(scene.mesh.file, scene.mesh.unit)
+    return quadratic_mesh(mesh) if scene.element == 'quadratic' else mesh
 
 
 def with_moduli(body, E, nu):
@@ -92,7 +108,7 @@ def build_pad(mesh, patch):
     where = f'pad {patch.name}'
     direction, centre = _unit(patch.direction, where), np.array(patch.centre, dtype=float)
     nodes = (_named_set(mesh, patch.set, where) if patch.set
-             else _under_disc(mesh, centre, direction, patch.radius))
+             else with_midside(mesh, _under_disc(mesh, centre, direction, patch.radius)))
     if len(nodes) < SMALLEST_PAD:
         raise MeshError(f'{where}: {len(nodes)} surface nodes within {1e3 * patch.radius:g} mm of '
                         f'its axis; must be at least {SMALLEST_PAD}; move the pad onto the '

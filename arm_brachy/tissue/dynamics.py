@@ -29,7 +29,7 @@ class DynamicOptions:
         steps and adds a damping ratio below 1e-5 to modes sampled 40 times per period (test)
     max_step : [s] longest step; a call that covers more is divided. 2.5 ms samples a 10 Hz mode
         40 times, which puts its frequency off by 0.2 %
-    mass : 'lumped' (diagonal) or 'consistent' (linear shape functions); the first bends
+    mass : 'lumped' (diagonal) or 'consistent' (shape functions); the first bends
         frequencies down, the second up, both with the square of the mesh width
     tolerance : largest correction still open at convergence, over the body's diagonal;
         1e-9 is 0.1 nm on a 100 mm body
@@ -267,16 +267,16 @@ def pad_loads(body, reaction):
 def mass_matrix(assembler, kind):
     """Return the mass matrix (3n, 3n) [kg] on the assembler's pattern.
 
-    kind : 'lumped' or 'consistent': integral of rho N_a N_b = rho V (1 + delta_ab) / 20 for linear
-        tetrahedra; carried masses stay on the diagonal
+    kind : 'lumped' (`Assembler.lumped_mass`) or 'consistent' (integral of rho N_a N_b); carried
+        masses stay on the diagonal
     """
     n, body, geometry = assembler.n, assembler.body, assembler.geometry
     if kind == 'lumped':
         return _onto(assembler.pattern, diags_array(assembler.lumped_mass()))
-    element = body.density * geometry.weights.sum(axis=1) / 20.0
     conn = geometry.connectivity
-    rows, cols = np.repeat(conn, 4, axis=1).ravel(), np.tile(conn, (1, 4)).ravel()
-    blocks = np.outer(element, (1.0 + np.eye(4)).ravel()).ravel()
+    a = conn.shape[1]
+    rows, cols = np.repeat(conn, a, axis=1).ravel(), np.tile(conn, (1, a)).ravel()
+    blocks = np.outer(assembler.element_mass(), geometry.mass.ravel()).ravel()
     matrix = coo_array((blocks, (rows, cols)), shape=(n, n))
     carried = np.zeros(n) if body.nodal_mass is None else body.nodal_mass
     return _onto(assembler.pattern, matrix.tocsr() + diags_array(carried))

@@ -2,7 +2,7 @@
 
 Each element writes into its own slot and each node or matrix block then sums its slots in a
 fixed order, so results do not depend, to the last bit, on the number of threads.
-Arrays: x (n, 3); conn (m, a); G (m, q, a, 3); w (m, q); mu, kappa (m,); S (m, 3, 3).
+Arrays: x (n, 3); conn (m, a); G (m, q, a, 3); w (m, q); mu, kappa (m,); S (m, q, 3, 3).
 """
 
 import numpy as np
@@ -47,7 +47,8 @@ def element_forces(x, conn, G, w, mu, kappa, S, energy, force, min_J):
                 if not J > 0.0:
                     energy[e] = np.inf
                     continue
-                energy[e] += w[e, q] * stress_kernel(F, inv_T, J, I1, mu[e], kappa[e], S[e], P)
+                energy[e] += w[e, q] * stress_kernel(F, inv_T, J, I1, mu[e], kappa[e],
+                                                   S[e, q], P)
                 for a in range(conn.shape[1]):
                     for i in range(3):
                         force[e, a, i] += w[e, q] * (P[i, 0] * G[e, q, a, 0]
@@ -67,8 +68,8 @@ def element_stiffness(x, conn, G, w, mu, kappa, S, out):
             for q in range(w.shape[1]):
                 I1 = deformation_gradient(x, conn[e], G[e, q], F)
                 J = inverse_transpose(F, inv_T)
-                stiffness_kernel(G[e, q], F, inv_T, J, I1, mu[e], kappa[e], S[e], w[e, q],
-                                 g, h, out[e])
+                stiffness_kernel(G[e, q], F, inv_T, J, I1, mu[e], kappa[e], S[e, q],
+                                 w[e, q], g, h, out[e])
 
 
 @njit(cache=True, parallel=True)

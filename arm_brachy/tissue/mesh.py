@@ -3,7 +3,7 @@
 import contextlib
 import io
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import meshio
@@ -14,7 +14,14 @@ from trimesh.triangles import closest_point
 from arm_brachy.core.errors import MeshError
 from arm_brachy.core.quantity import UNITS
 from arm_brachy.tissue.body import TetMesh
-from arm_brachy.tissue.element import EDGES, FACES, edge_matrices, signed_volumes
+from arm_brachy.tissue.element import (
+    EDGES,
+    FACES,
+    edge_matrices,
+    shape_slopes,
+    shape_values,
+    signed_volumes,
+)
 from arm_brachy.tissue.mesh_check import check_mesh
 
 # The centre of a 4 mm facial marker (thesis ch. 4) is 2 mm off the skin; the rest allows for its
@@ -22,6 +29,7 @@ from arm_brachy.tissue.mesh_check import check_mesh
 STANDOFF = 8e-3  # m
 # Barycentric coordinates this far below zero are rounding, not outside.
 INSIDE = -1e-9
+FACE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 
 
 def load_mesh(path, unit='m'):
@@ -105,6 +113,51 @@ def _boundary(tets):
     return faces[keep], keep // len(FACES)
 
 
+def quadratic_mesh(mesh):
+    """Return the TetMesh with a node in the middle of every edge, elements quadratic.
+
+    mesh : TetMesh; returned as it is if it has midside nodes already. Corners keep their numbers.
+    A node set gains the middles of surface edges between two of its nodes, so that what was held
+    along linear elements is held now.
+    """
+    if mesh.midside is not None:
+        return mesh
+    n, pairs = len(mesh.nodes), np.sort(mesh.tets[:, EDGES], axis=2)
+    edges, which = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
+    full = TetMesh(np.vstack([mesh.nodes, mesh.nodes[edges].mean(axis=1)]), mesh.tets, {},
+                   n + which.reshape(-1, len(EDGES)))
+    sets = {name: with_midside(full, nodes) for name, nodes in mesh.node_sets.items()}
+    return replace(full, node_sets=sets)
+
+
+def with_midside(mesh, nodes):
+    """Return `nodes` (k,) and the middles of the surface edges that join two of them, sorted.
+
+    mesh : TetMesh. Unchanged where the mesh has no midside nodes.
+    """
+    nodes = np.unique(nodes)
+    if mesh.midside is None:
+        return nodes
+    edges, middles = surface_edges(mesh)
+    return np.union1d(nodes, middles[np.isin(edges, nodes).all(axis=1)])
+
+
+def surface_edges(mesh):
+    """Return the edges (e, 2) of the boundary of a quadratic TetMesh and their middles (e,)."""
+    faces = boundary_faces(mesh)
+    edges = np.sort(faces[:, FACE_EDGES], axis=2).reshape(-1, 2)
+    edges, first = np.unique(edges, axis=0, return_index=True)
+    return edges, face_middles(mesh, faces).ravel()[first]
+
+
+def face_middles(mesh, faces):
+    """Return the middles (f, 3) of the edges 01, 12, 20 of faces (f, 3) of a quadratic TetMesh."""
+    code = np.array([len(mesh.nodes), 1])  # an edge as one number
+    known, first = np.unique(np.sort(mesh.tets[:, EDGES], axis=2) @ code, return_index=True)
+    at = np.searchsorted(known, np.sort(faces[:, FACE_EDGES], axis=2) @ code)
+    return mesh.midside.ravel()[first[at]]
+
+
 @dataclass(frozen=True)
 class MeshQuality:
     """Figures a person judges a mesh by. SI; angles in radians.
@@ -161,13 +214,16 @@ def _min_dihedral(corners):
 class Embedding:
     """Points that ride on elements.
 
-    elements : (k,) element index;  nodes : (k, 4) its nodes
-    weights : (k, 4) barycentric weights, rows sum to 1; negative for points standing off
+    elements : (k,) element index;  nodes : (k, a) its nodes
+    weights : (k, a) of the nodes, rows sum to 1; some are negative for points standing off, and
+        for quadratic elements
+    gradients : (k, a, 3) [1/m] shape gradients dN/dX where the point is attached
     """
 
     elements: np.ndarray
     nodes: np.ndarray
     weights: np.ndarray
+    gradients: np.ndarray
 
     def matrix(self, n):
         """Return the sparse (k, n) matrix W with W @ x = interpolated points, x (n, 3)."""
@@ -180,10 +236,10 @@ def embed(mesh, points, *, standoff=STANDOFF, names=None, onto_surface=False):
     """Attach points to the elements that hold them.
 
     mesh : TetMesh;  points : (k, 3) [m] at rest
-    standoff : [m] points outside the body up to this far follow the nearest boundary element,
-        by extrapolation (they turn with it, as a glued marker does)
-    names : k names for messages;  onto_surface : outside points attach to the nearest surface
-        point instead, so that no weight is negative (loads)
+    standoff : [m] points outside the body up to this far ride on the nearest surface point, moving
+        and turning with it, as a glued marker does
+    names : k names for messages;  onto_surface : points attach to the surface point itself and to
+        corners only, so that no weight is negative (loads)
     Returns Embedding. Raises MeshError naming the first point farther off than `standoff`.
     """
     points = np.asarray(points, dtype=float).reshape(-1, 3)
@@ -200,14 +256,21 @@ def embed(mesh, points, *, standoff=STANDOFF, names=None, onto_surface=False):
     if outside:
         nearest, owner = _nearest_on_surface(mesh, points[outside])
         _refuse_far(points[outside], nearest, outside, names, standoff)
-        elements[outside] = owner
-        if onto_surface:
-            where[outside] = nearest
+        elements[outside], where[outside] = owner, nearest
     weights = _barycentric(inverse[elements], where - origin[elements])
     if onto_surface:
-        weights = np.clip(weights, 0.0, None)
-        weights /= weights.sum(axis=1, keepdims=True)
-    return Embedding(elements, mesh.tets[elements], weights)
+        return _on_corners(mesh, elements, weights, inverse)
+    nodes = mesh.connectivity[elements]
+    gradients = np.einsum('kal,klj->kaj', shape_slopes(weights, nodes.shape[1]), inverse[elements])
+    off = np.einsum('kaj,kj->ka', gradients, points - where)
+    return Embedding(elements, nodes, shape_values(weights, nodes.shape[1]) + off, gradients)
+
+
+def _on_corners(mesh, elements, weights, inverse):
+    weights = np.clip(weights, 0.0, None)
+    weights /= weights.sum(axis=1, keepdims=True)
+    gradients = shape_slopes(weights, 4) @ inverse[elements]
+    return Embedding(elements, mesh.tets[elements], weights, gradients)
 
 
 def _barycentric(inverse, offset):
@@ -242,12 +305,12 @@ def interpolate(embedding, x):
     return np.einsum('ka,kai->ki', embedding.weights, x[embedding.nodes])
 
 
-def rotations(embedding, X, x):
+def rotations(embedding, x):
     """Return the rotations R (k, 3, 3) of the material at embedded points (F = R U, polar).
 
-    X, x : (n, 3) [m] node positions at rest and now. A sensor fixed in the tissue turns by R.
+    x : (n, 3) [m] node positions now. A sensor fixed in the tissue turns by R.
     Valid for elements that are not inverted.
     """
-    F = edge_matrices(x, embedding.nodes) @ np.linalg.inv(edge_matrices(X, embedding.nodes))
+    F = np.einsum('kai,kaj->kij', x[embedding.nodes], embedding.gradients)
     left, _, right = np.linalg.svd(F)
     return left @ right

@@ -9,7 +9,7 @@ from arm_brachy.core.errors import MeshError
 from arm_brachy.core.quantity import quantity
 from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
 from arm_brachy.tissue.body import Springs
-from arm_brachy.tissue.mesh import boundary_faces
+from arm_brachy.tissue.mesh import boundary_faces, face_middles
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,12 @@ class BaseCompliance(BodyTerm):
 
 @dataclass(frozen=True)
 class FaceAreas:
-    """Boundary triangles.  faces : (f, 3) nodes;  vectors : (f, 3) outward area vectors [m^2]."""
+    """Boundary triangles.
+
+    faces : (f, 3) nodes that share each equally: its corners, or with quadratic elements the
+        middles of its edges, a rule exact for springs times quadratic displacements' integral
+    vectors : (f, 3) outward area vectors [m^2]
+    """
 
     faces: np.ndarray
     vectors: np.ndarray
@@ -84,4 +89,5 @@ def base_areas(mesh, fixed):
     outer = boundary_faces(mesh)
     base = outer[np.isin(outer, fixed).all(axis=1)]
     a, b, c = (mesh.nodes[base[:, i]] for i in range(3))
-    return FaceAreas(base, 0.5 * np.cross(b - a, c - a))
+    carriers = base if mesh.midside is None else face_middles(mesh, base)
+    return FaceAreas(carriers, 0.5 * np.cross(b - a, c - a))

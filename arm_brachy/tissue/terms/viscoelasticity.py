@@ -10,7 +10,7 @@ from numba import njit
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantity
 from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
-from arm_brachy.tissue.element import edge_matrices
+from arm_brachy.tissue.kernels import deformation_gradient
 from arm_brachy.tissue.material import inverse_transpose
 
 _SOURCE = ('creep of glandular tissue in vivo: retardation times 3.2 +- 0.8 s and 42 +- 28 s, '
@@ -22,8 +22,8 @@ _SOURCE = ('creep of glandular tissue in vivo: retardation times 3.2 +- 0.8 s an
 class ViscoMemory:
     """Internal variables, per element.
 
-    elastic : (m, 3, 3) [Pa] isochoric equilibrium stress S_iso at the last step
-    over : (2, m, 3, 3) [Pa] overstress Q_i of each branch, second Piola-Kirchhoff
+    elastic : (m, q, 3, 3) [Pa] isochoric equilibrium stress S_iso at the last step
+    over : (2, m, q, 3, 3) [Pa] overstress Q_i of each branch, second Piola-Kirchhoff
     """
 
     elastic: np.ndarray
@@ -75,8 +75,8 @@ class Viscoelasticity(BodyTerm):
 
     def memory(self, body):
         """Return the ViscoMemory of a body that has never been strained."""
-        m = len(body.mu)
-        return ViscoMemory(np.zeros((m, 3, 3)), np.zeros((2, m, 3, 3)))
+        shape = (*body.geometry.weights.shape, 3, 3)
+        return ViscoMemory(np.zeros(shape), np.zeros((2, *shape)))
 
     def before_step(self, body, memory, t, dt, fields):
         """Stiffen `fields.mu` and add the remembered stress for the step (t - dt, t]."""
@@ -88,7 +88,7 @@ class Viscoelasticity(BodyTerm):
     def after_step(self, body, memory, x, t, dt):
         """Return the ViscoMemory at t, given the positions x (n, 3) [m] reached."""
         decay, gain = self._recursion(dt)
-        elastic = isochoric_stress(body.mesh, body.mu, x)
+        elastic = isochoric_stress(body.geometry, body.mu, x)
         rise = elastic - memory.elastic
         over = np.stack([d * q + g * rise
                          for d, q, g in zip(decay, memory.over, gain, strict=True)])
@@ -103,33 +103,28 @@ class Viscoelasticity(BodyTerm):
         return np.array([math.exp(-r) for r in steps]), np.array(gain)
 
 
-def isochoric_stress(mesh, mu, x):
+def isochoric_stress(geometry, mu, x):
     """Isochoric second Piola-Kirchhoff stress of the Neo-Hookean law (3.18) in each element.
 
-    mesh : TetMesh;  mu : (m,) [Pa];  x : (n, 3) positions [m]
-    Returns (m, 3, 3) [Pa]: mu J^(-2/3) (I - tr(C) / 3 C^-1).
+    geometry : ElementGeometry;  mu : (m,) [Pa];  x : (n, 3) positions [m]
+    Returns (m, q, 3, 3) [Pa] at the quadrature points: mu J^(-2/3) (I - tr(C) / 3 C^-1).
     """
-    out = np.empty((len(mesh.tets), 3, 3))
-    _isochoric(edge_matrices(mesh.nodes, mesh.tets), edge_matrices(x, mesh.tets), mu, out)
+    out = np.empty((*geometry.weights.shape, 3, 3))
+    _isochoric(np.ascontiguousarray(x, dtype=float), geometry.connectivity, geometry.gradients,
+               mu, out)
     return out
 
 
 @njit(cache=True, error_model='numpy')
-def _isochoric(rest, now, mu, out):
-    """Element loop of `isochoric_stress`; rest, now : (m, 3, 3) edge matrices."""
-    inverse, inv_T = np.empty((3, 3)), np.empty((3, 3))
-    F = np.empty((3, 3))
+def _isochoric(x, conn, G, mu, out):
+    """Element loop of `isochoric_stress`; arrays as in `kernels`."""
+    F, inv_T = np.empty((3, 3)), np.empty((3, 3))
     for e in range(len(mu)):
-        inverse_transpose(rest[e], inverse)
-        I1 = 0.0
-        for i in range(3):
-            for k in range(3):
-                F[i, k] = (now[e, i, 0] * inverse[k, 0] + now[e, i, 1] * inverse[k, 1]
-                           + now[e, i, 2] * inverse[k, 2])
-                I1 += F[i, k] ** 2
-        scale = mu[e] * inverse_transpose(F, inv_T) ** (-2.0 / 3.0)
-        for i in range(3):
-            for k in range(3):
-                C_inv = (inv_T[0, i] * inv_T[0, k] + inv_T[1, i] * inv_T[1, k]
-                         + inv_T[2, i] * inv_T[2, k])
-                out[e, i, k] = scale * ((1.0 if i == k else 0.0) - I1 / 3.0 * C_inv)
+        for q in range(G.shape[1]):
+            I1 = deformation_gradient(x, conn[e], G[e, q], F)
+            scale = mu[e] * inverse_transpose(F, inv_T) ** (-2.0 / 3.0)
+            for i in range(3):
+                for k in range(3):
+                    C_inv = (inv_T[0, i] * inv_T[0, k] + inv_T[1, i] * inv_T[1, k]
+                             + inv_T[2, i] * inv_T[2, k])
+                    out[e, q, i, k] = scale * ((1.0 if i == k else 0.0) - I1 / 3.0 * C_inv)
