@@ -129,17 +129,19 @@ class Assembler:
                                   'positive; push less far or in smaller steps')
         return state.forces
 
-    def tangent(self, x, fields=None):
+    def tangent(self, x, fields=None, *, convex=False):
         """Return d forces / d x as a sparse symmetric (3n, 3n) matrix [N/m], rows 3 node + axis.
 
         x : (n, 3) [m], no element inverted;  fields : as in `evaluate`
+        convex : not the derivative but a matrix near it that is positive definite far more often,
+            equal to it where no volume changes (`material.stiffness_kernel`)
         Every call returns the same pattern; the data array is fresh.
         """
         fields = StepFields.of(self.body) if fields is None else fields
         g = self.geometry
         kernels.element_stiffness(np.ascontiguousarray(x, dtype=float), g.connectivity,
                                   g.gradients, g.weights, fields.mu, fields.kappa, fields.stress,
-                                  self._stiffness)
+                                  convex, self._stiffness)
         data = np.empty(len(self._indices))
         kernels.scatter_blocks(self._block_start, self._block_slots,
                                self._stiffness.reshape(-1, 9), self._row_blocks, self._constant,

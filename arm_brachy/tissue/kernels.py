@@ -8,7 +8,12 @@ Arrays: x (n, 3); conn (m, a); G (m, q, a, 3); w (m, q); mu, kappa (m,); S (m, q
 import numpy as np
 from numba import njit, prange
 
-from arm_brachy.tissue.material import inverse_transpose, stiffness_kernel, stress_kernel
+from arm_brachy.tissue.material import (
+    inverse_transpose,
+    mirror_blocks,
+    stiffness_kernel,
+    stress_kernel,
+)
 
 CHUNK = 64  # elements that share one set of work arrays
 
@@ -57,19 +62,20 @@ def element_forces(x, conn, G, w, mu, kappa, S, energy, force, min_J):
 
 
 @njit(cache=True, parallel=True, error_model='numpy')
-def element_stiffness(x, conn, G, w, mu, kappa, S, out):
-    """Element tangents (m, a, a, 3, 3) [N/m]; every J must be positive."""
+def element_stiffness(x, conn, G, w, mu, kappa, S, convex, out):
+    """Element tangents (m, a, a, 3, 3) [N/m]; every J must be positive; see `stiffness_kernel`."""
     m, n_local = conn.shape
     for chunk in prange((m + CHUNK - 1) // CHUNK):
         F, inv_T = np.empty((3, 3)), np.empty((3, 3))
-        g, h = np.empty((n_local, 3)), np.empty((n_local, 3))
+        work = np.empty((5, n_local, 3))
         for e in range(chunk * CHUNK, min(m, (chunk + 1) * CHUNK)):
             out[e] = 0.0
             for q in range(w.shape[1]):
                 I1 = deformation_gradient(x, conn[e], G[e, q], F)
                 J = inverse_transpose(F, inv_T)
                 stiffness_kernel(G[e, q], F, inv_T, J, I1, mu[e], kappa[e], S[e, q],
-                                 w[e, q], g, h, out[e])
+                                 w[e, q], convex, work, out[e])
+            mirror_blocks(out[e])
 
 
 @njit(cache=True, parallel=True)

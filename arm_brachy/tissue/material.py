@@ -91,35 +91,49 @@ def stress_kernel(F, inv_T, J, I1, mu, kappa, S, P):
 
 
 @njit(cache=True, error_model='numpy')
-def stiffness_kernel(G, F, inv_T, J, I1, mu, kappa, S, weight, g, h, out):
+def stiffness_kernel(G, F, inv_T, J, I1, mu, kappa, S, weight, convex, work, out):
     """Twin of `tangent`, contracted with shape gradients: add to the element stiffness.
 
     G : (a, 3) shape gradients [1/m];  weight : [m^3];  S : (3, 3) as in `stress_kernel`
-    g, h : (a, 3) work space for F^-T G_a and F G_a
-    out : (a, a, 3, 3) [N/m], out[a, b, i, j] += d force_ai / d x_bj
+    convex : leave out the volumetric pressure's geometric part, kappa J (J - 1) d2J/dF2, which is
+        indefinite and large where J is far from 1 (Gauss-Newton of kappa/2 (J - 1)^2)
+    work : (5, a, 3) work space
+    out : (a, a, 3, 3) [N/m], out[a, b, i, j] += d force_ai / d x_bj for b >= a only
+    With g = F^-T G and h = F G a block is a sum of three dyads and a multiple of the identity:
+        (c_swap g_b) g_a' + g_a (c_outer g_b + c_mixed h_b)' + (c_mixed h_a) g_b' + d_ab I
     """
     scale = mu * np.cbrt(J) ** -2
-    c_swap = scale * I1 / 3.0 - kappa * J * (J - 1.0)
-    c_mixed = -2.0 / 3.0 * scale
-    c_outer = 2.0 / 9.0 * scale * I1 + kappa * J * (2.0 * J - 1.0)
-    n = G.shape[0]
-    for a in range(n):
+    pressure = 0.0 if convex else kappa * (J - 1.0)
+    c_swap = weight * (scale * I1 / 3.0 - pressure * J)
+    c_mixed = weight * -2.0 / 3.0 * scale
+    c_outer = weight * (2.0 / 9.0 * scale * I1 + (kappa * J + pressure) * J)
+    g, swapped, right, left, load = work
+    for a in range(G.shape[0]):
         for i in range(3):
             g[a, i] = inv_T[i, 0] * G[a, 0] + inv_T[i, 1] * G[a, 1] + inv_T[i, 2] * G[a, 2]
-            h[a, i] = F[i, 0] * G[a, 0] + F[i, 1] * G[a, 1] + F[i, 2] * G[a, 2]
-    for a in range(n):
-        for b in range(a, n):
-            diagonal = 0.0
-            for k in range(3):
-                SG = S[k, 0] * G[b, 0] + S[k, 1] * G[b, 1] + S[k, 2] * G[b, 2]
-                diagonal += G[a, k] * (scale * G[b, k] + SG)
+            h = F[i, 0] * G[a, 0] + F[i, 1] * G[a, 1] + F[i, 2] * G[a, 2]
+            swapped[a, i] = c_swap * g[a, i]
+            left[a, i] = c_mixed * h
+            right[a, i] = c_outer * g[a, i] + c_mixed * h
+            load[a, i] = weight * (scale * G[a, i] + S[i, 0] * G[a, 0] + S[i, 1] * G[a, 1]
+                                   + S[i, 2] * G[a, 2])
+    for a in range(G.shape[0]):
+        for b in range(a, G.shape[0]):
             for i in range(3):
                 for j in range(3):
-                    value = (c_swap * g[b, i] * g[a, j]
-                             + c_mixed * (g[a, i] * h[b, j] + h[a, i] * g[b, j])
-                             + c_outer * g[a, i] * g[b, j])
-                    if i == j:
-                        value += diagonal
-                    out[a, b, i, j] += weight * value
-                    if a != b:
-                        out[b, a, j, i] += weight * value
+                    out[a, b, i, j] += (swapped[b, i] * g[a, j] + g[a, i] * right[b, j]
+                                        + left[a, i] * g[b, j])
+            d = G[a, 0] * load[b, 0] + G[a, 1] * load[b, 1] + G[a, 2] * load[b, 2]
+            out[a, b, 0, 0] += d
+            out[a, b, 1, 1] += d
+            out[a, b, 2, 2] += d
+
+
+@njit(cache=True, error_model='numpy')
+def mirror_blocks(out):
+    """Fill the lower blocks of a symmetric element matrix (a, a, 3, 3) from the upper ones."""
+    for a in range(out.shape[0]):
+        for b in range(a + 1, out.shape[0]):
+            for i in range(3):
+                for j in range(3):
+                    out[b, a, j, i] = out[a, b, i, j]

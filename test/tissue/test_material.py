@@ -100,8 +100,9 @@ def test_stiffness_kernel_contracts_the_tangent(F):
     inv_T = np.empty((3, 3))
     J = material.inverse_transpose(F, inv_T)
     out = np.zeros((4, 4, 3, 3))
-    material.stiffness_kernel(G, F, inv_T, J, np.sum(F * F), MU, KAPPA, S, 0.5,
-                              np.empty((4, 3)), np.empty((4, 3)), out)
+    material.stiffness_kernel(G, F, inv_T, J, np.sum(F * F), MU, KAPPA, S, 0.5, False,
+                              np.empty((5, 4, 3)), out)
+    material.mirror_blocks(out)
     A = material.tangent(F, MU, KAPPA) + np.kron(S, np.eye(3))  # d(F S)/dF
     expected = 0.5 * np.einsum('ak,kilj,bl->abij', G, A.reshape(3, 3, 3, 3), G)
     np.testing.assert_allclose(out, expected, atol=1e-10 * np.abs(expected).max())
