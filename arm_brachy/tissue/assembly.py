@@ -42,7 +42,8 @@ class Assembler:
         self.body = body
         self.geometry = body.geometry
         self.n = len(body.mesh.nodes)
-        self._weight = self._shared_mass()[:, None] * np.asarray(body.gravity, dtype=float)
+        self._weight = (self.heavy_mass(body.density, body.nodal_mass)[:, None]
+                        * np.asarray(body.gravity, dtype=float))
         conn = self.geometry.connectivity
         self._node_start, self._node_slots = _grouped(conn.ravel(), self.n)
         self._make_pattern(conn)
@@ -69,20 +70,25 @@ class Assembler:
 
     def lumped_mass(self):
         """Return (n,) [kg]: tissue mass by `ElementGeometry.lumping`, plus nodal_mass."""
-        return self._nodal(np.outer(self.element_mass(), self.geometry.lumping))
+        return self._nodal(np.outer(self.element_mass(), self.geometry.lumping),
+                           self.body.nodal_mass)
 
     def element_mass(self):
         """Return (m,) [kg]."""
         return self.body.density * self.geometry.weights.sum(axis=1)
 
-    def _shared_mass(self):
-        """(n,) [kg] integral of rho N_a: what gravity pulls on; negative at quadratic corners."""
-        return self._nodal(np.einsum('m,mq,qa->ma', self.body.density, self.geometry.weights,
-                                     self.geometry.shape))
+    def heavy_mass(self, density, nodal_mass=None):
+        """Return (n,) [kg] that gravity pulls on: integral of rho N_a, plus nodal_mass (n,).
 
-    def _nodal(self, share):
+        density : (m,) [kg/m^3]. Negative at the corners of quadratic elements, as it should be:
+        not the lumped mass of dynamics.
+        """
+        share = np.einsum('m,mq,qa->ma', density, self.geometry.weights, self.geometry.shape)
+        return self._nodal(share, nodal_mass)
+
+    def _nodal(self, share, carried):
         mass = np.bincount(self.geometry.connectivity.ravel(), share.ravel(), minlength=self.n)
-        return mass if self.body.nodal_mass is None else mass + self.body.nodal_mass
+        return mass if carried is None else mass + carried
 
     def evaluate(self, x, fields=None):
         """Return the Evaluation at node positions x (n, 3) [m]; never raises on inversion.

@@ -177,6 +177,7 @@ class StaticSolver:
             self._factor.factor(self.free.upper(tangent))
         except FactorisationFailed as error:
             raise NotConverged(f'no linearisation at this state: {error}') from None
+        self._shifted = False
         return tangent, self._factor
 
     def _solution(self, x, state, counts, outcome):

@@ -27,7 +27,8 @@ def make(loop='closed', seed=4, **changes):
     task = {'name': 'task_1', 'target': 'target_1', 'axes': ['x'], 'displacement_mm': [-5, 0, 0],
             'duration_s': DURATION}
     given = {'name': 'in_process', 'seed': seed, 'scene': '../scenes/breast.yaml',
-             'settle_s': SETTLE, 'plant': plant, 'control': {'loop': loop}, 'tasks': [task],
+             'settle_s': SETTLE, 'model': {'element': 'linear'}, 'plant': plant,
+             'control': {'loop': loop}, 'tasks': [task],
              **changes}
     return resolve(config.from_mapping(Scenario, given, 'in_process'), PATH)
 

@@ -1,4 +1,6 @@
-"""The Jacobian (3.23) against central differences and against the printed force form (3.22)."""
+"""The Jacobian (3.23) against central differences and the printed force form (3.22)."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,13 +9,15 @@ from arm_brachy.core.errors import NotConverged
 from arm_brachy.tissue.body import Pad, SoftBody, StepFields
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.jacobian import (
+    Linearisation,
     directed_jacobian,
     pad_stiffness,
     pad_translations,
     target_jacobian,
 )
+from arm_brachy.tissue.linear_solver import FactorisationFailed
 from arm_brachy.tissue.material import moduli
-from arm_brachy.tissue.mesh import embed, interpolate
+from arm_brachy.tissue.mesh import embed, interpolate, quadratic_mesh
 from arm_brachy.tissue.newton import NewtonOptions, StaticSolver
 
 STEP = 1e-5
@@ -113,3 +117,96 @@ def test_no_jacobian_at_an_unstable_state(setting):
     fields.stress[:] = -1e6 * np.eye(3)
     with pytest.raises(NotConverged, match='no linearisation'):
         target_jacobian(solver, x, targets, fields)
+
+
+def test_a_linearisation_outlives_what_the_solver_does_next(setting):
+    solver, x, targets = setting
+    lin = Linearisation(solver, x)
+    before = lin.target_jacobian(targets)
+    elsewhere = solver.solve(x, 0.5 * PUSH)
+    directed_jacobian(solver, elsewhere.x, targets)
+    np.testing.assert_array_equal(lin.target_jacobian(targets), before)
+    np.testing.assert_array_equal(target_jacobian(solver, x, targets), before)
+    lin.move_to(elsewhere.x)
+    assert np.abs(lin.target_jacobian(targets) - before).max() > 1e-4
+    lin.move_to(x)
+    np.testing.assert_array_equal(lin.target_jacobian(targets), before)
+
+
+def test_the_pattern_is_analysed_once_for_each_owner(setting, monkeypatch):
+    solver, x, targets = setting
+    analyses, analyse = [], solver.free.solver
+    monkeypatch.setattr(solver.free, 'solver', lambda: analyses.append(1) or analyse())
+    lin = Linearisation(solver, x)
+    for _ in range(3):
+        lin.move_to(x)
+        directed_jacobian(solver, x, targets)
+        pad_stiffness(solver, x)
+    assert len(analyses) == 1
+
+
+def test_outstanding_is_the_newton_correction(setting):
+    solver, x, _ = setting
+    assert Linearisation(solver, x).outstanding() < 1e-12
+    off = x.copy()
+    off[solver.free.free] += np.random.default_rng(1).normal(scale=1e-7, size=(
+        len(solver.free.free), 3))
+    np.testing.assert_allclose(Linearisation(solver, off).outstanding(), np.abs(off - x).max(),
+                               rtol=1e-3)
+
+
+def column():
+    """Solver of a slender quadratic column, 10 x 10 x 100 mm, foot and head held."""
+    mesh = quadratic_mesh(box_mesh((0.01, 0.01, 0.1), (1, 1, 10)))
+    m = len(mesh.tets)
+    mu, kappa = moduli(6000.0, 0.3)
+    head = Pad('head', mesh.node_sets['z1'], np.array([0, 0, -1.0]),
+               np.array([0.005, 0.005, 0.1]), 0.05)
+    return StaticSolver(SoftBody(mesh, np.full(m, mu), np.full(m, kappa), np.full(m, 1000.0),
+                                 mesh.node_sets['z0'], (head,)))
+
+
+@pytest.mark.parametrize('strain, stable', [(0.01, True), (0.1, False)])
+def test_a_column_has_a_jacobian_until_it_buckles(strain, stable):
+    """Euler, both ends clamped: critical strain 4 pi^2 I / (A L^2) = 4 pi^2 / 1200 = 0.033."""
+    solver = column()
+    straight = solver.body.mesh.nodes * np.array([1 + 0.3 * strain, 1 + 0.3 * strain, 1 - strain])
+    if stable:
+        assert np.isfinite(pad_stiffness(solver, straight)).all()
+        return
+    with pytest.raises(NotConverged, match='no linearisation'):
+        pad_stiffness(solver, straight)
+    with pytest.raises(NotConverged, match='no linearisation'):
+        Linearisation(solver, straight)
+
+
+def test_an_inverted_state_is_refused_and_left_behind(setting):
+    solver, x, targets = setting
+    lin = Linearisation(solver, x)
+    before = lin.target_jacobian(targets)
+    inverted = x.copy()
+    inverted[solver.free.free[0]] += 0.1
+    with pytest.raises(NotConverged, match='no linearisation.*det F'):
+        lin.move_to(inverted)
+    np.testing.assert_array_equal(lin.target_jacobian(targets), before)
+
+
+def test_after_a_refused_tangent_no_answer_until_moved(setting):
+    solver, x, targets = setting
+    lin, fields = Linearisation(solver, x), StepFields.of(solver.body)
+    before = lin.target_jacobian(targets)
+    fields.stress[:] = -1e6 * np.eye(3)
+    with pytest.raises(NotConverged):
+        lin.move_to(x, fields)
+    with pytest.raises(FactorisationFailed):
+        lin.target_jacobian(targets)
+    lin.move_to(x)
+    np.testing.assert_array_equal(lin.target_jacobian(targets), before)
+
+
+def test_a_body_without_pads_has_an_empty_jacobian():
+    free = column().body
+    solver = StaticSolver(replace(free, pads=()))
+    lin = Linearisation(solver, free.mesh.nodes)
+    assert lin.state_sensitivity().shape == (len(free.mesh.nodes), 3, 0, 3)
+    assert lin.pad_stiffness().shape == (0, 3, 0, 3)
