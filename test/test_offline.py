@@ -31,7 +31,7 @@ markers:
 - {name: clamp, position_mm: [0, 10, 10], body: base}
 """
 PADS = """pads:
-- {name: press, centre_mm: [60, 10, 10], direction: [-1, 0, 0], radius_mm: 12, stroke_mm: 5}
+- {name: press, centre_mm: [60, 10, 10], direction: [-1, 0, 0], radius_mm: 15, stroke_mm: 5}
 """
 SCENARIO = 'name: block\nseed: 1\nscene: scene.yaml\ntick_ms: 10\n'
 

@@ -39,7 +39,9 @@ def test_mesh_fits_surface_and_count(name):
     mesh = tet_mesh.load_mesh(FOLDER / name)
     surface, _ = read_surface(FOLDER / surface_file)
     assert (FOLDER / name).stat().st_size < LARGEST_FILE
-    assert tet_mesh.volumes(mesh).sum() == pytest.approx(surface.volume, rel=0.015)
+    # flat faces cut off what is convex, by the square of the edge: 1.2 % with 1800 elements
+    allowed = 0.012 * max(1.0, 1800 / len(mesh.tets)) ** (2 / 3)
+    assert tet_mesh.volumes(mesh).sum() == pytest.approx(surface.volume, rel=1.25 * allowed)
     assert meshing.mean_ratio(mesh).min() > 0.3
     assert np.degrees(meshing.dihedral_angles(mesh)).min() > 10.0
     for count, wished in ((len(mesh.tets), wish.get('tets')), (len(mesh.nodes),

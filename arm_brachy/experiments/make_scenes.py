@@ -199,6 +199,8 @@ def surfaces():
 # mesh is wide because 15 mm edges cannot follow this surface closer than half a millimetre.
 MESHES = {
     'breast/breast_2331.msh': ('breast/breast.stl', {'tets': 2331, 'envelope': 0.06}),
+    'breast/breast_600.msh': ('breast/breast.stl', {'tets': 600, 'envelope': 0.06,
+                                                    'tolerance': 0.02}),
     'breast/breast_4223.msh': ('breast/breast.stl', {'nodes': 4223}),
     'breast/breast_plant.msh': ('breast/breast.stl', {'tets': 1800, 'envelope': 0.06,
                                                       'tolerance': 0.02}),

@@ -249,7 +249,7 @@ def _load_change(linearisation, change):
         rate -= np.outer(mass, _checked('gravity', change.gravity, (3,)))
     if not (change.density is None and change.nodal_mass is None):
         mass = assembler.heavy_mass(_checked('density', change.density, (m,)),
-                           _checked('nodal_mass', change.nodal_mass, (n,)))
+                                    _checked('nodal_mass', change.nodal_mass, (n,)))
         rate -= np.outer(mass, body.gravity)
     if change.spring_stiffness is not None:
         stiffness = _checked('spring_stiffness', change.spring_stiffness, springs.stiffness.shape)

@@ -21,7 +21,8 @@ LIMIT = 0.3e-3   # the goal of every closed loop, evaluation.assess.Goals
 
 def make(loop='closed', seed=4, **changes):
     """Task 1 on target 1. The plant is softer in volume change and has an inclusion and play."""
-    plant = {'nu': 0.47, 'terms': [
+    coarse = {'file': '../scenes/breast/breast_600.msh'}
+    plant = {'mesh': coarse, 'nu': 0.47, 'terms': [
         {'name': 'inclusion', 'centre_mm': [20, -12, 30], 'radius_mm': 9, 'ratio': 5},
         {'name': 'backlash', 'width_mm': 0.3}]}
     task = {'name': 'task_1', 'target': 'target_1', 'axes': ['x'], 'displacement_mm': [-5, 0, 0],

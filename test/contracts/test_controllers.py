@@ -25,7 +25,8 @@ CONTROLLERS = {
 
 @pytest.fixture(scope='module')
 def scene():
-    return load_scene(config_dir() / 'scenes' / 'breast.yaml')
+    breast = load_scene(config_dir() / 'scenes' / 'breast.yaml')
+    return dataclasses.replace(breast, element='linear')
 
 
 @pytest.fixture(params=CONTROLLERS, name='params')

@@ -16,7 +16,9 @@ name: small
 seed: 3
 scene: {scenes}/breast.yaml
 settle_s: 0.5
+model: {{element: linear}}
 plant:
+  mesh: {{file: {scenes}/breast/breast_600.msh}}
   nu: 0.47
   terms:
   - {{name: inclusion, centre_mm: [20, -12, 30], radius_mm: 9, ratio: 5}}
