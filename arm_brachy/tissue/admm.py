@@ -2,59 +2,68 @@
 
 Quasi-static equilibrium drops the inertia term of (3.9); the dynamic form is backward Euler,
 (3.2)-(3.5). Convergence is judged by the out-of-balance nodal forces of the energy itself: the
-change from one iterate to the next says nothing, because the iteration can cycle for ever.
+change from one iterate to the next says nothing, because the published iteration can cycle.
+
+The accelerated scheme cannot cycle (`admm_schemes`).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 
 from arm_brachy.core.errors import ConfigError, InputError
 from arm_brachy.core.outcome import Outcome
-from arm_brachy.tissue import kernels, proximal
+from arm_brachy.tissue.admm_global import GlobalStep
+from arm_brachy.tissue.admm_iteration import Iteration, Problem
+from arm_brachy.tissue.admm_schemes import Accelerated, Published
+from arm_brachy.tissue.anderson import Anderson
 from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.dynamics import pad_loads
-from arm_brachy.tissue.element import signed_volumes
 from arm_brachy.tissue.free_dofs import held_nodes
-from arm_brachy.tissue.linear_solver import Pardiso
-from arm_brachy.tissue.material import stress
 
 
 @dataclass(frozen=True)
 class AdmmOptions:
     """When to stop, and how hard elements are tied to their nodes.
 
+    scheme : 'accelerated' (`admm_schemes`) or 'published', (3.11)-(3.13) with one scalar weight
     tolerance : largest out-of-balance component on a free node, as a fraction of the largest on a
         held one (a reaction); 2e-5 leaves about 3 um on the breast phantom
     max_iterations : of (3.11)-(3.13);  the thesis runs 800
-    check_every : iterations between looks at the true residual, each about as dear as an iteration
-    weight : c in w_i^2 = c kappa_i V_i (c = 1 is the usual choice, Overby et al. 2017, sec. 5.2)
-    largest_weight : c is doubled up to this value (Boyd et al. 2011, sec. 3.4.1, multipliers
-        rescaled) when the residual no longer falls: plain ADMM has two-cycles under large or
-        opposing pushes. Equal to `weight` it leaves c alone
-    patience : iterations, times c / weight, without a fall by a tenth that count as standstill
+    check_every : most iterations between looks at the true residual, each half an iteration
+    weight : c, in units of the curvature, or of kappa V if published; 0 = 2 and 1 (the usual
+        choice, Overby et al. 2017, sec. 5.2)
+    largest_weight : c beyond which the accelerated scheme gives up
+    depth : changes that Anderson extrapolation remembers, 0 = none
     """
 
+    scheme: str = 'accelerated'
     tolerance: float = 2e-5
     max_iterations: int = 3000
     check_every: int = 10
-    weight: float = 1.0
-    largest_weight: float = 16.0
-    patience: int = 100
+    weight: float = 0.0
+    largest_weight: float = 100.0
+    depth: int = 6
 
     def __post_init__(self):
-        for name in ('tolerance', 'max_iterations', 'check_every', 'weight', 'patience'):
+        if self.scheme not in DEFAULT_WEIGHT:
+            raise ConfigError(f'admm: scheme = {self.scheme!r}; must be one of '
+                              f'{sorted(DEFAULT_WEIGHT)}')
+        for name in ('tolerance', 'max_iterations', 'check_every', 'largest_weight'):
             if not getattr(self, name) > 0:
                 raise ConfigError(f'admm: {name} = {getattr(self, name)}; must be > 0')
-        if self.largest_weight < self.weight:
-            raise ConfigError(f'admm: largest_weight = {self.largest_weight}; must be at least '
-                              f'weight = {self.weight}')
+        for name in ('weight', 'depth'):
+            if not getattr(self, name) >= 0:
+                raise ConfigError(f'admm: {name} = {getattr(self, name)}; must be >= 0')
+
+    @property
+    def first_weight(self):
+        """The c to begin with."""
+        return self.weight or DEFAULT_WEIGHT[self.scheme]
 
 
-# A residual that has not fallen below this fraction of the last best one counts as no progress.
-PROGRESS = 0.9
+DEFAULT_WEIGHT = {'accelerated': 2.0, 'published': 1.0}
 # Out-of-balance force below which a body at rest is at rest: this times mean mu V^(2/3).
 REST_FORCE = 1e-12
 
@@ -66,10 +75,14 @@ class AdmmSolution:
     x : (n, 3) [m] last iterate, an equilibrium only if `outcome` is OK
     v : (n, 3) [m/s] velocity by (3.3), zero from `solve`
     pad_force : (p, 3) [N] of the tissue ON each pad (NaN if x is inverted)
-    iterations : made;  weight : the c it ended with;  outcome : OK or NOT_CONVERGED
-    checked : (k,) iterations after which the residual was taken
-    residuals : (k,) [N] largest out-of-balance component on a free node, inf where inverted
-    errors : (k,) [m] largest distance of a node from `reference`, empty if none was given
+    iterations : made, rejected ones included;  weight : the c it ended with
+    reweighings, rejected : changes of the weights; extrapolations replaced by plain steps
+    outcome : OK or NOT_CONVERGED
+    checked : (c,) iterations after which the residual was taken
+    residuals : (c,) [N] largest out-of-balance component on a free node, inf where inverted
+    accepted : (k,) iterations that led to an accepted iterate
+    merits : (k, 2) their merit [J] and the number of reweighings before
+    errors : (k,) [m] their largest distance of a node from `reference`, empty if none was given
     """
 
     x: np.ndarray
@@ -77,67 +90,14 @@ class AdmmSolution:
     pad_force: np.ndarray
     iterations: int
     weight: float
+    reweighings: int
+    rejected: int
     outcome: Outcome
     checked: np.ndarray
     residuals: np.ndarray
     errors: np.ndarray
-
-
-@dataclass
-class _Problem:
-    """One minimisation: (3.9) with everything that stays fixed during the iterations.
-
-    inertia : (n,) M / dt^2 [N/m], zeros if quasi-static;  free_flight : (n, 3) x + v dt [m]
-    load : (n, 3) dead loads [N];  held_at : (n, 3) [m], rows of held nodes count
-    """
-
-    fields: StepFields
-    inertia: np.ndarray
-    free_flight: np.ndarray
-    load: np.ndarray
-    held_at: np.ndarray
-
-
-class _GlobalStep:
-    """The x update (3.11): its matrix, factorised, and the right-hand side's constant part.
-
-    The added stress S of the fields is quadratic in x, so it stays here and not in the local step:
-    the matrix is M / dt^2 + sum_i D_i' (w_i^2 I + V_i S_i) D_i, per axis, plus ground springs.
-    """
-
-    def __init__(self, solver, problem, w2):
-        g, self.free = solver.geometry, solver.free
-        G, conn = g.gradients[:, 0], g.connectivity
-        tie = w2[:, None, None] * np.eye(3) + solver.volume[:, None, None] * problem.fields.stress
-        blocks = np.einsum('mak,mkl,mbl->mab', G, tie, G)
-        n = solver.assembler.n
-        rows, cols = np.repeat(conn, 4, axis=1).ravel(), np.tile(conn, (1, 4)).ravel()
-        matrix = sp.csr_array(sp.coo_array((blocks.ravel(), (rows, cols)), shape=(n, n)))
-        matrix = sp.csr_array(matrix + sp.diags_array(problem.inertia))
-        springs = solver.body.springs
-        # Springs couple the axes; without them the three axes share one matrix a third the size.
-        self.axes = 3 if len(springs.nodes) else 1
-        self.unknown = self.free if self.axes == 1 else solver.free_dofs
-        held = solver.held if self.axes == 1 else solver.held_dofs
-        constant = problem.inertia[:, None] * problem.free_flight + problem.load
-        if self.axes == 3:
-            matrix = sp.csr_array(sp.kron(matrix, np.eye(3)) + _spring_matrix(springs, n))
-            rest = solver.body.mesh.nodes[springs.nodes]
-            np.add.at(constant, springs.nodes, np.einsum('sij,sj->si', springs.stiffness, rest))
-        reduced = sp.csr_array(sp.triu(matrix[self.unknown][:, self.unknown]))
-        reduced.sort_indices()
-        self._solver = Pardiso(reduced.indptr, reduced.indices)
-        self._solver.factor(reduced.data)
-        moved = self._shape(problem.held_at)[held]
-        self._constant = self._shape(constant)[self.unknown]
-        self._constant -= matrix[self.unknown][:, held] @ moved
-
-    def solve(self, pull):
-        """Return free positions (f, 3) [m]; pull : (n, 3) [N] sum of w^2 D' (z - u)."""
-        return self._solver.solve(self._constant + self._shape(pull)[self.unknown]).reshape(-1, 3)
-
-    def _shape(self, nodal):
-        return nodal.copy() if self.axes == 1 else nodal.reshape(-1).copy()
+    accepted: np.ndarray
+    merits: np.ndarray
 
 
 class AdmmSolver:
@@ -145,8 +105,8 @@ class AdmmSolver:
 
     body : SoftBody of linear tetrahedra;  options : AdmmOptions
     Equal arguments give equal bits for any number of threads. Not to be shared between threads.
-    Slow against Newton wherever a factorisation is affordable; kept because the thesis' estimator
-    is built on its iteration. Rayleigh damping is not part of (3.2) and is refused.
+    Kept because the thesis' estimator is built on its iteration; Newton is the reference.
+    Rayleigh damping is not part of (3.2) and is refused.
     """
 
     def __init__(self, body, options=None):
@@ -155,14 +115,19 @@ class AdmmSolver:
         self.body = body
         self.options = AdmmOptions() if options is None else options
         self.assembler = Assembler(body)
-        self.geometry = self.assembler.geometry
-        self.volume = signed_volumes(body.mesh.nodes, body.mesh.tets)
+        geometry = self.assembler.geometry
+        if geometry.connectivity.shape[1] != 4:
+            raise ConfigError(f'admm: elements have {geometry.connectivity.shape[1]} nodes; must '
+                              'be linear tetrahedra with 4; set element: linear in the scene')
+        self.conn = geometry.connectivity
+        self.G, self.volume = (np.ascontiguousarray(k[:, 0])
+                               for k in (geometry.gradients, geometry.weights))
         self.held = held_nodes(body)
         self.free = np.setdiff1d(np.arange(self.assembler.n), self.held)
-        self.held_dofs, self.free_dofs = (
-            (3 * k[:, None] + np.arange(3)).ravel() for k in (self.held, self.free))
+        self.update = GlobalStep(body, self.conn, self.G, self.volume, self.free)
         self._mass = self.assembler.lumped_mass()
-        self._starts = _slots(self.geometry.connectivity, self.assembler.n)
+        self.starts = _slots(self.conn, self.assembler.n)
+        self._anderson = Anderson((9, len(self.conn)), self.options.depth)
 
     def solve(self, x0, pad_displacement, fields=None, reference=None):
         """Return the AdmmSolution at rest with the pads displaced by `pad_displacement`.
@@ -173,7 +138,7 @@ class AdmmSolver:
         Raises InputError. Valid for stable equilibria; test_admm.py::test_equals_newton.
         """
         nothing = np.zeros((self.assembler.n, 3))
-        problem = self._problem(pad_displacement, fields, nothing[:, 0], nothing)
+        problem = self._problem(pad_displacement, fields, np.zeros(len(nothing)), nothing)
         return self._iterate(problem, x0, nothing, 1.0, reference)
 
     def step(self, x, v, pad_displacement, dt, fields=None, reference=None):
@@ -199,97 +164,77 @@ class AdmmSolver:
         for pad, shift in zip(self.body.pads, moved, strict=True):
             held_at[pad.nodes] += shift
         load = fields.nodal_force + self._mass[:, None] * np.asarray(self.body.gravity)
-        return _Problem(fields, inertia, free_flight, load, held_at)
+        return Problem(fields, inertia, free_flight, load, held_at)
 
     def _iterate(self, problem, x0, v0, dt, reference):
-        """(3.11)-(3.13) until the true residual is small."""
-        options, g, fields = self.options, self.geometry, problem.fields
-        G, conn, start = g.gradients[:, 0], g.connectivity, np.array(x0, dtype=float)
-        c, log = options.weight, _Log(reference)
-        w2 = c * fields.kappa * self.volume
-        z, u = self._warm_start(start, fields, w2)
-        parts, pull = np.empty((*conn.shape, 3)), np.empty((self.assembler.n, 3))
-        x = start.copy()
-        x[self.held] = problem.held_at[self.held]
-        converged = log.add(0, x, *self._residual(problem, x), options.tolerance, self._rest())
-        proximal.pulls(G, w2, z, u, parts)
-        update, iteration = None if converged else _GlobalStep(self, problem, w2), 0
-        while not converged and iteration < options.max_iterations:
-            iteration += 1
-            kernels.gather(*self._starts, parts.reshape(-1, 3), pull)
-            x[self.free] = update.solve(pull)
-            proximal.local_step(x, conn, G, self.volume, fields.mu, fields.kappa, w2, z, u, parts)
-            if iteration % options.check_every:
-                continue
-            converged = log.add(iteration, x, *self._residual(problem, x), options.tolerance,
-                                self._rest())
-            patience = options.patience * c / options.weight
-            if not converged and 2.0 * c <= options.largest_weight and log.stalled(patience):
-                c, w2, u = 2.0 * c, 2.0 * w2, 0.5 * u
-                update = _GlobalStep(self, problem, w2)
-                proximal.pulls(G, w2, z, u, parts)
-        return self._solution(problem, x, v0, start, dt, iteration, c, converged, log)
+        """Iterate until the true residual is small."""
+        start, options = np.array(x0, dtype=float), self.options
+        iteration = Iteration(self, problem, start.copy())
+        log = _Log(self, iteration, reference)
+        scheme = (Published(iteration, self) if options.scheme == 'published'
+                  else Accelerated(iteration, self, self._anderson))
+        converged = log.check(0)
+        if not converged:
+            scheme.begin()
+        while not converged and scheme.count < options.max_iterations and not scheme.exhausted:
+            scheme.step()
+            log.add(scheme)
+            if log.due(scheme.count):
+                converged = log.check(scheme.count)
+        return self._solution(iteration, scheme, log, start, dt, converged)
 
-    def _warm_start(self, x, fields, w2):
-        """z = D x and the multiplier that balances its stress, so that equilibrium stays put."""
-        z = np.einsum('mai,mak->mik', x[self.geometry.connectivity], self.geometry.gradients[:, 0])
-        if not (np.linalg.det(z) > 0.0).all():
-            raise InputError('x0 holds an inverted element; start from a valid state, e.g. rest')
-        return z, (self.volume / w2)[:, None, None] * stress(z, fields.mu, fields.kappa)
-
-    def _reaction(self, problem, x):
-        """Out-of-balance forces (n, 3) [N] with inertia, and whether no element is inverted."""
-        state = self.assembler.evaluate(x, problem.fields)
-        inertia = problem.inertia[:, None] * (x - problem.free_flight)
-        return state.forces + inertia, state.min_J > 0.0
-
-    def _residual(self, problem, x):
-        forces, valid = self._reaction(problem, x)
-        if not valid:
-            return np.inf, 0.0
-        size = np.abs(forces).max(axis=1)
-        return float(size[self.free].max(initial=0.0)), float(size[self.held].max(initial=0.0))
-
-    def _rest(self):
-        return REST_FORCE * float(np.mean(self.body.mu * np.cbrt(self.volume) ** 2))
-
-    def _solution(self, problem, x, v0, start, dt, iteration, c, converged, log):
-        forces, valid = self._reaction(problem, x)
-        pad_force = pad_loads(self.body, forces)[0]
-        moving = problem.inertia.any()
+    def _solution(self, iteration, scheme, log, start, dt, converged):
+        x, forces = iteration.x, iteration.reaction()
+        pad_force = (np.full((len(self.body.pads), 3), np.nan) if forces is None
+                     else pad_loads(self.body, forces)[0])
+        moving = iteration.problem.inertia.any()
         return AdmmSolution(
-            x=x, v=(x - start) / dt if moving else np.zeros_like(x),
-            pad_force=pad_force if valid else np.full_like(pad_force, np.nan),
-            iterations=iteration, weight=c,
+            x=x, v=(x - start) / dt if moving else np.zeros_like(x), pad_force=pad_force,
+            iterations=scheme.count, weight=scheme.c, reweighings=scheme.reweighings,
+            rejected=scheme.rejected,
             outcome=Outcome.OK if converged else Outcome.NOT_CONVERGED,
             checked=np.array(log.checked), residuals=np.array(log.residuals),
+            accepted=np.array(log.accepted), merits=np.array(log.merits),
             errors=np.array(log.errors))
 
 
 class _Log:
-    """Residuals as they come, and whether they still fall."""
+    """Residuals and errors as they come, and when the next look at the residual is due."""
 
-    def __init__(self, reference):
-        self.reference = reference
+    def __init__(self, solver, iteration, reference):
+        self._solver, self._it, self._reference = solver, iteration, reference
         self.checked, self.residuals, self.errors = [], [], []
-        self._best, self._since = np.inf, 0
+        self.accepted, self.merits = [], []
+        body = solver.body
+        self._rest = REST_FORCE * float(np.mean(body.mu * np.cbrt(solver.volume) ** 2))
+        self._aim = 0.0  # |F - z|_W^2 at which the residual should be small enough
 
-    def add(self, iteration, x, free, held, tolerance, rest):
-        """Record one look; returns True if the free residual is small beside the held one."""
-        self.checked.append(iteration)
+    def add(self, scheme):
+        """Note an accepted iterate."""
+        self.accepted.append(scheme.count)
+        self.merits.append((self._it.merit, scheme.reweighings))
+        if self._reference is not None:
+            self.errors.append(float(np.linalg.norm(self._it.x - self._reference, axis=1).max()))
+
+    def due(self, count):
+        """True if the residual may be small enough, or has not been looked at for long."""
+        since = count - self.checked[-1]
+        return self._it.square <= self._aim or since >= self._solver.options.check_every
+
+    def check(self, count):
+        """Take the true residual; True if it is small beside the reactions."""
+        solver, forces = self._solver, self._it.reaction()
+        size = None if forces is None else np.abs(forces).max(axis=1)
+        free = np.inf if size is None else float(size[solver.free].max(initial=0.0))
+        held = 0.0 if size is None else float(size[solver.held].max(initial=0.0))
+        self.checked.append(count)
         self.residuals.append(free)
-        if self.reference is not None:
-            self.errors.append(float(np.linalg.norm(x - self.reference, axis=1).max()))
-        if free < PROGRESS * self._best:
-            self._best, self._since = free, iteration
-        return free <= max(tolerance * held, rest)
-
-    def stalled(self, patience):
-        """True once per `patience` iterations without progress."""
-        if self.checked[-1] - self._since < patience:
-            return False
-        self._best, self._since = self.residuals[-1], self.checked[-1]
-        return True
+        limit = max(solver.options.tolerance * held, self._rest)
+        # Both go to zero together, the residual in proportion to the root of the square.
+        self._aim = 0.0
+        if count and free > limit:
+            self._aim = self._it.square * min(limit / free, 0.7) ** 2
+        return free <= limit
 
 
 def _slots(conn, n):
@@ -297,10 +242,3 @@ def _slots(conn, n):
     labels = conn.ravel()
     slots = np.argsort(labels, kind='stable')
     return np.searchsorted(labels[slots], np.arange(n + 1)), slots
-
-
-def _spring_matrix(springs, n):
-    """Ground springs as a sparse (3n, 3n) matrix [N/m]."""
-    dofs = 3 * springs.nodes[:, None] + np.arange(3)
-    rows, cols = np.repeat(dofs, 3, axis=1).ravel(), np.tile(dofs, (1, 3)).ravel()
-    return sp.coo_array((springs.stiffness.ravel(), (rows, cols)), shape=(3 * n, 3 * n))
