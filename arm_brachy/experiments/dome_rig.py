@@ -2,12 +2,12 @@
 
 Nothing is tuned: mesh, material and pads are theirs, markers and EM sensors are registered rigidly
 over the rest before the first push. The numbers say what the model misses. Their mesh is coarse on
-purpose; how much of the misfit is the mesh shows in the equilibria of the same body with every
-tetrahedron cut in eight.
+purpose and their simulator's elements are linear; how much of the misfit that is shows in the
+equilibria of the same mesh with linear and with quadratic elements.
 """
 
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,16 +24,13 @@ from arm_brachy.offline import Prediction, load_run, predict, with_scene
 from arm_brachy.recording.import_csv import import_csv
 from arm_brachy.recording.scene_import import import_scene
 from arm_brachy.scenario import load_cell
-from arm_brachy.tissue.body import TetMesh
 from arm_brachy.tissue.build import build_body
-from arm_brachy.tissue.element import signed_volumes
-from arm_brachy.tissue.mesh import embed, interpolate, load_mesh
+from arm_brachy.tissue.mesh import embed, interpolate, load_mesh, quadratic_mesh
 from arm_brachy.tissue.simulator import TissueSimulator
 
 NAME = 'dome-rig'
 SET = 'dome_rig'
 SETTLING = 0.3      # s of a hold that are left out of its mean
-EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,7 @@ def reproduce(out_dir):
     """Import, replay in process and evaluate every recording; write JSON, PNG, pages to `out_dir`.
 
     Returns evaluation.result.Result: rows per recording, stream, marker or pad, and regime; then
-    rows per hold, measured beside the model on the mesh as given and refined. No goals are set.
+    rows per hold, measured beside the model with linear and quadratic elements. No goals are set.
     Raises InputError if the recordings are absent.
     """
     source, out_dir = recordings.folder(SET), Path(out_dir)
@@ -81,12 +78,10 @@ def _replay(name, cell, column_map, bag):
 
 
 def _hold_rows(scene, replays):
-    """Every hold's equilibrium on the mesh as given and on the refined one, beside the data."""
+    """Every hold's equilibrium with both elements, beside the data."""
     given = load_mesh(scene.mesh.file, scene.mesh.unit)
-    # Their node sets name the coarse nodes only: on the fine mesh the footprint decides.
-    footprint = replace(scene, pads=tuple(replace(pad, set='') for pad in scene.pads))
-    models = (('given', Equilibria(scene, given)), ('refined', Equilibria(footprint,
-                                                                          refined(given))))
+    models = (('linear', Equilibria(scene, given)),
+              ('quadratic', Equilibria(scene, quadratic_mesh(given))))
     rows = []
     for replay in replays:
         for regime in regimes.pad_regimes(replay.run.encoder):
@@ -155,29 +150,6 @@ class Equilibria:
         return interpolate(self._riders, state.x) - self._rest, state.pad_force
 
 
-def refined(mesh):
-    """Cut every tetrahedron of a TetMesh in eight at the middles of its edges.
-
-    A node set grows by the middles of edges between two of its nodes (right for flat regions that
-    are sets of whole faces, such as a base). Surfaces keep their facets.
-    Source: Bey 1995, Computing 55:355 (regular refinement, inner octahedron cut along one axis).
-    """
-    pairs = np.sort(np.concatenate([mesh.tets[:, list(edge)] for edge in EDGES]), axis=1)
-    edges, index = np.unique(pairs, axis=0, return_inverse=True)
-    middle = (index.reshape(len(EDGES), -1) + len(mesh.nodes))
-    nodes = np.vstack([mesh.nodes, mesh.nodes[edges].mean(axis=1)])
-    a, b, c, d = mesh.tets.T
-    ab, ac, ad, bc, bd, cd = middle
-    parts = ((a, ab, ac, ad), (ab, b, bc, bd), (ac, bc, c, cd), (ad, bd, cd, d),
-             (ab, ac, ad, bd), (ab, ac, bc, bd), (ac, ad, bd, cd), (ac, bc, bd, cd))
-    tets = np.concatenate([np.stack(part, axis=1) for part in parts])
-    flip = signed_volumes(nodes, tets) < 0.0
-    tets[flip] = tets[flip][:, [0, 2, 1, 3]]
-    sets = {name: np.concatenate([held, len(mesh.nodes) + np.flatnonzero(
-        np.isin(edges, held).all(axis=1))]) for name, held in mesh.node_sets.items()}
-    return TetMesh(nodes, tets, sets)
-
-
 @styled
 def figure(replays):
     """Residual of tissue markers and push-back on the pads over time, a column per recording.
@@ -195,7 +167,7 @@ def figure(replays):
     sheet.supxlabel('time / s', fontsize=9)
     handles = [handle for row in axes for handle in row[0].get_legend_handles_labels()[0]]
     sheet.legend(handles=handles, loc='outside upper center', ncols=4)
-    return Plate(NAME, sheet, 'Dome rig: what the model on the mesh as given misses.')
+    return Plate(NAME, sheet, 'Dome rig: what the model misses.')
 
 
 def _draw_residual(axis, data):

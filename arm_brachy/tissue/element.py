@@ -6,8 +6,10 @@ their numbers; another element is another function that returns one. Two are her
 linear     4 nodes, one quadrature point. The thesis' element. It locks: near nu = 0.5 every one
            must keep its volume, which leaves too few ways to deform.
 quadratic  4 corners and 6 mid-edge nodes, 4 quadrature points (exact to degree 2). Its volume is
-           checked at 4 points that 10 nodes share, which does not lock up to nu = 0.4999 (test).
-           Edges are straight at rest.
+           checked at 4 points, as many constraints as unknowns in a fine mesh: on a solution that
+           does not change with nu its error grows by 1.06 from nu = 0.3 to 0.49, by 1.4 to 0.499
+           and by 2.6 to 0.4999, where the order falls by up to one (verification/test_elements).
+           Edges are straight at rest: curved surfaces are met to second order.
 """
 
 from dataclasses import dataclass

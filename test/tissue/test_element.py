@@ -1,23 +1,199 @@
-"""The linear tetrahedron: exact for affine fields, volume by quadrature."""
+"""Tetrahedra: what they must hold exactly, integrals they owe, modes they may not have."""
+
+import itertools
+import math
 
 import numpy as np
+import pytest
+from scipy.linalg import eigvalsh
 
+from arm_brachy.tissue.assembly import Assembler
+from arm_brachy.tissue.body import SoftBody, TetMesh
 from arm_brachy.tissue.box import box_mesh
-from arm_brachy.tissue.element import linear_tet, signed_volumes
+from arm_brachy.tissue.element import (
+    EDGES,
+    FACES,
+    element_geometry,
+    shape_slopes,
+    shape_values,
+    signed_volumes,
+)
+from arm_brachy.tissue.material import moduli
+from arm_brachy.tissue.mesh import quadratic_mesh
+
+SIZE = (0.03, 0.02, 0.01)
+ORDER = {'linear': 1, 'quadratic': 2}
+NODES = {'linear': 4, 'quadratic': 10}
 
 
-def test_gradients_are_exact_for_affine_fields_and_weights_sum_to_the_volume():
-    size = (0.03, 0.02, 0.01)
-    mesh = box_mesh(size, (3, 2, 2), perturbation=0.2, rng=np.random.default_rng(0))
-    geometry = linear_tet(mesh.nodes, mesh.tets)
-    A = np.random.default_rng(1).normal(size=(3, 3))
-    field = (mesh.nodes @ A.T + 0.3)[geometry.connectivity]
-    gradient = np.einsum('mai,mqak->mqik', field, geometry.gradients)
-    np.testing.assert_allclose(gradient, np.broadcast_to(A, gradient.shape), atol=1e-10)
-    np.testing.assert_allclose(geometry.gradients.sum(axis=2), 0.0, atol=1e-10)
-    np.testing.assert_allclose(geometry.shape.sum(axis=1), 1.0)
-    np.testing.assert_allclose(geometry.weights.sum(), np.prod(size))
-    np.testing.assert_allclose(geometry.weights[:, 0], signed_volumes(mesh.nodes, mesh.tets))
+@pytest.fixture(params=list(ORDER))
+def element(request):
+    return request.param
+
+
+def box(element, cells=(3, 2, 2)):
+    mesh = box_mesh(SIZE, cells, perturbation=0.2, rng=np.random.default_rng(0))
+    return quadratic_mesh(mesh) if element == 'quadratic' else mesh
+
+
+def barycentric(count=20, seed=1):
+    return np.random.default_rng(seed).dirichlet(np.ones(4), count)
+
+
+def node_coordinates(element):
+    """Barycentric coordinates of an element's nodes (a, 4)."""
+    corners = np.eye(4)
+    return corners if element == 'linear' else np.vstack([corners, corners[EDGES].mean(axis=1)])
+
+
+def monomials(X, degree):
+    """All x^i y^j z^k with i + j + k <= degree (..., c), X (..., 3) of order 1."""
+    powers = [p for p in itertools.product(range(degree + 1), repeat=3) if sum(p) <= degree]
+    return np.stack([np.prod(X ** np.array(p), axis=-1) for p in powers], axis=-1)
+
+
+def slopes(X, degree, h=1e-6):
+    """Central differences of `monomials` (..., c, 3): exact to degree 2 but for rounding / h."""
+    return np.stack([(monomials(X + d, degree) - monomials(X - d, degree)) / (2.0 * h)
+                     for d in h * np.eye(3)], axis=-1)
+
+
+def simplex_mean(powers):
+    """Mean of L0^a L1^b L2^c L3^d over a tetrahedron: 3! a! b! c! d! / (a + b + c + d + 3)!."""
+    return (6.0 * math.prod(math.factorial(p) for p in powers)
+            / math.factorial(sum(powers) + 3))
+
+
+def test_shape_functions_are_one_at_their_own_node_and_sum_to_one(element):
+    a = NODES[element]
+    np.testing.assert_allclose(shape_values(node_coordinates(element), a), np.eye(a), atol=1e-15)
+    np.testing.assert_allclose(shape_values(barycentric(), a).sum(axis=1), 1.0, rtol=1e-14)
+
+
+def test_slopes_are_those_of_the_shape_functions(element):
+    """Central differences of degree 2 are exact: rounding 1e-16 over the step 1e-4 is left."""
+    a, h, L = NODES[element], 1e-4, barycentric()
+    for k in range(3):
+        step = h * (np.eye(4)[k + 1] - np.eye(4)[0])
+        numeric = (shape_values(L + step, a) - shape_values(L - step, a)) / (2.0 * h)
+        np.testing.assert_allclose(shape_slopes(L, a)[:, :, k], numeric, atol=1e-11)
+
+
+def test_fields_up_to_the_elements_order_are_held_exactly(element):
+    """Values and gradients of every monomial, on perturbed elements; lengths in cm, so order 1.
+
+    Gradients are compared with differences of step 1e-6: rounding 1e-16 x 9 / 1e-6.
+    """
+    mesh = box(element)
+    geometry = element_geometry(mesh)
+    X = 1e2 * mesh.nodes
+    nodal = monomials(X, ORDER[element])[geometry.connectivity]
+    points = np.einsum('qa,mai->mqi', geometry.shape, X[geometry.connectivity])
+    values = np.einsum('qa,mac->mqc', geometry.shape, nodal)
+    np.testing.assert_allclose(values, monomials(points, ORDER[element]), atol=1e-14)
+    gradient = np.einsum('mac,mqak->mqck', nodal, geometry.gradients) / 1e2
+    np.testing.assert_allclose(gradient, slopes(points, ORDER[element]), atol=1e-8)
+
+
+def test_one_degree_more_is_not_held(element):
+    """The test above can fail: the next degree is missed by the square, cube of a cell."""
+    mesh = box(element)
+    geometry = element_geometry(mesh)
+    X, degree = 1e2 * mesh.nodes, ORDER[element] + 1
+    points = np.einsum('qa,mai->mqi', geometry.shape, X[geometry.connectivity])
+    values = np.einsum('qa,mac->mqc', geometry.shape, monomials(X, degree)[geometry.connectivity])
+    assert np.abs(values - monomials(points, degree)).max() > 1e-3
+
+
+def test_quadrature_is_exact_to_its_degree_and_no_further(element):
+    """One point: degree 1. Four points: degree 2. Means over a tetrahedron in closed form."""
+    mesh = box(element)
+    geometry = element_geometry(mesh)
+    np.testing.assert_allclose(geometry.weights.sum(axis=1), signed_volumes(mesh.nodes, mesh.tets))
+    np.testing.assert_allclose(geometry.weights.sum(), np.prod(SIZE))
+    L = geometry.shape @ node_coordinates(element)  # shape functions hold linear fields exactly
+    for powers in itertools.product(range(4), repeat=4):
+        mean = np.mean(np.prod(L ** np.array(powers), axis=1))
+        if sum(powers) <= ORDER[element]:
+            assert mean == pytest.approx(simplex_mean(powers), rel=1e-13)
+    cubes = [(ORDER[element] + 1) * row for row in np.eye(4, dtype=int)]
+    assert all(abs(np.mean(np.prod(L ** p, axis=1)) - simplex_mean(p)) > 1e-3 for p in cubes)
+
+
+def polynomials(element):
+    """Shape functions as {powers of (L0, L1, L2, L3): coefficient}."""
+    one = np.eye(4, dtype=int)
+    if element == 'linear':
+        return [{tuple(row): 1.0} for row in one]
+    return ([{tuple(2 * row): 2.0, tuple(row): -1.0} for row in one]
+            + [{tuple(one[i] + one[j]): 4.0} for i, j in EDGES])
+
+
+def mean_product(p, q):
+    return sum(c * d * simplex_mean([a + b for a, b in zip(i, j, strict=True)])
+               for i, c in p.items() for j, d in q.items())
+
+
+def test_mass_is_the_integral_of_products_in_closed_form(element):
+    N = polynomials(element)
+    exact = [[mean_product(p, q) for q in N] for p in N]
+    geometry = element_geometry(box(element))
+    np.testing.assert_allclose(geometry.mass, exact, rtol=1e-13, atol=1e-16)
+    assert geometry.mass.sum() == pytest.approx(1.0, rel=1e-14)
+    assert eigvalsh(geometry.mass)[0] > 0.0
+
+
+def test_lumping_is_positive_and_loses_no_mass(element):
+    """Hinton, Rock & Zienkiewicz: each node its diagonal; row sums of the corners are negative."""
+    geometry = element_geometry(box(element))
+    assert geometry.lumping.min() > 0.0
+    assert geometry.lumping.sum() == pytest.approx(1.0, rel=1e-14)
+    np.testing.assert_allclose(geometry.lumping * np.trace(geometry.mass), np.diag(geometry.mass))
+    if element == 'quadratic':
+        assert geometry.mass.sum(axis=1)[:4].max() < 0.0
+
+
+def stiffness(mesh, nu=0.3):
+    """Dense tangent at rest over mu and edge length, no supports."""
+    m, (mu, kappa) = len(mesh.tets), moduli(6e3, nu)
+    body = SoftBody(mesh, np.full(m, mu), np.full(m, kappa), np.full(m, 1e3), np.zeros(0, int))
+    return Assembler(body).tangent(mesh.nodes).toarray() / (mu * 0.01)
+
+
+def single(element):
+    """One irregular tetrahedron."""
+    corners = 0.01 * np.array([[0, 0, 0], [1.1, 0.1, 0], [0.2, 0.9, -0.1], [0.3, 0.4, 1.0]])
+    mesh = TetMesh(corners, np.array([[0, 1, 2, 3]]))
+    return quadratic_mesh(mesh) if element == 'quadratic' else mesh
+
+
+@pytest.mark.parametrize('patch', ['single', 'cell', 'perturbed'])
+@pytest.mark.parametrize('nu', [0.3, 0.49])
+def test_rest_has_six_rigid_modes_and_no_others(element, patch, nu):
+    """Four points x six strains are the 24 modes that 10 nodes have besides the rigid ones.
+
+    Zero is rounding: 1e-16 of the largest eigenvalue, times some hundred operations. The softest
+    mode of a cell that stores energy is of order 1 (mu x edge), in a perturbed patch of n cells
+    across of order 1/n^2.
+    """
+    mesh = {'single': single(element), 'cell': box(element, (1, 1, 1)),
+            'perturbed': box(element, (2, 2, 2))}[patch]
+    K = stiffness(mesh, nu)
+    values = eigvalsh(K)
+    assert np.abs(values[:6]).max() < 1e-13 * values[-1]
+    assert values[6] > 1e-2
+    rigid = np.concatenate([np.tile(np.eye(3), (len(mesh.nodes), 1)).T,
+                            [np.cross(axis, mesh.nodes).ravel() for axis in np.eye(3) / 0.01]])
+    np.testing.assert_allclose(rigid @ K, 0.0, atol=1e-13 * values[-1])
+
+
+def test_faces_and_edges_name_each_pair_and_triple_once():
+    assert {tuple(e) for e in EDGES} == set(itertools.combinations(range(4), 2))
+    assert {tuple(sorted(f)) for f in FACES} == set(itertools.combinations(range(4), 3))
+    corners = np.vstack([np.zeros(3), np.eye(3)])  # a positive element
+    for face in FACES:
+        a, b, c = corners[face]
+        assert np.cross(b - a, c - a) @ (a - corners.mean(axis=0)) > 0.0
 
 
 def test_swapping_two_nodes_turns_the_volume_negative():
