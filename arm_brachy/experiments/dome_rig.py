@@ -8,6 +8,7 @@ equilibria of the same mesh with linear and with quadratic elements.
 
 import tempfile
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from arm_brachy.evaluation.residual_report import floor_of, to_result, write_res
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.evaluation.style import BAND, INK, MM, OURS, Plate, colour, new_figure, styled
 from arm_brachy.experiments import recordings
+from arm_brachy.experiments.parallel import process_pool
 from arm_brachy.offline import Prediction, load_run, predict, with_scene
 from arm_brachy.recording.import_csv import import_csv
 from arm_brachy.recording.scene_import import import_scene
@@ -54,8 +56,10 @@ def reproduce(out_dir):
     with tempfile.TemporaryDirectory() as scratch:
         files = import_scene(source / 'scene.yaml', Path(scratch) / 'scene', name=SET)
         cell = load_cell(files['scenario'])
-        replays = [_replay(name, cell, column_map, Path(scratch) / name)
-                   for name, column_map in files['maps'].items()]
+        with process_pool(len(files['maps'])) as pool:
+            replays = list(pool.map(_replay, files['maps'], repeat(files['scenario']),
+                                    files['maps'].values(),
+                                    [Path(scratch) / name for name in files['maps']]))
         held = _hold_rows(cell.model, replays)
     rows = [({'recording': replay.name, 'stream': stream} | row) for replay in replays
             for stream, data in replay.streams.items() for row in to_result(data).rows]
@@ -70,7 +74,8 @@ def reproduce(out_dir):
     return result
 
 
-def _replay(name, cell, column_map, bag):
+def _replay(name, scenario, column_map, bag):
+    cell = load_cell(scenario)
     import_csv(column_map, bag)
     run = with_scene(load_run(bag), cell.scene)
     predicted = predict(cell, run.encoder.t[-1], run.encoder)

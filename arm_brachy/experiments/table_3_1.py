@@ -1,13 +1,10 @@
 """Table 3.1: five targets, three tasks, open against closed loop, on a plant that is no model."""
 
-import multiprocessing
-import os
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numba
 import numpy as np
 
 from arm_brachy import inprocess
@@ -20,6 +17,7 @@ from arm_brachy.evaluation.assess import Goals, TaskMetrics, assess
 from arm_brachy.evaluation.result import Result, Target, commit_of, machine_description
 from arm_brachy.evaluation.thesis import Manipulation, published_task
 from arm_brachy.evaluation.timeseries import EmSamples, Series
+from arm_brachy.experiments.parallel import process_pool
 from arm_brachy.scenario import load_cell, resolve
 
 NAME = 'table-3.1'
@@ -99,11 +97,8 @@ def _run_all(cell, path):
 
 def _in_parallel(jobs):
     """Job -> what run_task says of it. Each that is done says so on stderr."""
-    workers = min(len(os.sched_getaffinity(0)), len(jobs))
     done = {}
-    # spawn: a fork would copy the threads' locks of numba and MKL but not the threads
-    with ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'),
-                             numba.set_num_threads, (1,)) as pool:
+    with process_pool(len(jobs)) as pool:
         futures = {pool.submit(run_task, *job): job for job in jobs}
         for future in as_completed(futures):
             job = futures[future]

@@ -13,8 +13,6 @@ from arm_brachy.offline import Prediction, load_run, with_scene
 from arm_brachy.recording.import_csv import import_csv
 from arm_brachy.recording.scene_import import import_scene
 from arm_brachy.scenario import load_cell
-from arm_brachy.tissue.box import box_mesh
-from arm_brachy.tissue.element import signed_volumes
 
 
 @pytest.fixture(scope='module')
@@ -55,19 +53,6 @@ def test_unlocked_model_rings_and_sags_as_beam_theory_says(beams, nu):
         # Theory leaves shear out of the frequency (5 % too high) and large turns out of the sag.
         assert silicone_beam.first_frequency(scene) == pytest.approx(frequency, rel=0.07)
         assert silicone_beam.tip_sag(scene) == pytest.approx(sag, rel=0.2)
-
-
-def test_refined_mesh_fills_the_same_body():
-    mesh = box_mesh((0.02, 0.01, 0.01), (2, 1, 1))
-    fine = dome_rig.refined(mesh)
-    assert len(fine.tets) == 8 * len(mesh.tets)
-    volumes = signed_volumes(fine.nodes, fine.tets)
-    assert (volumes > 0.0).all()
-    assert volumes.sum() == pytest.approx(0.02 * 0.01 * 0.01)
-    assert len(np.unique(fine.nodes, axis=0)) == len(fine.nodes)
-    for name, axis in (('x0', 0), ('z0', 2)):
-        on_face = np.flatnonzero(np.isclose(fine.nodes[:, axis], 0.0))
-        assert set(fine.node_sets[name]) == set(on_face)
 
 
 def test_silicone_beam_arrives_on_the_tick_grid(recordings, beams, tmp_path):
