@@ -20,6 +20,7 @@ COMMANDS = {  # name -> (module:object, first line of its help)
                  'Metrics of a recording as a table, as JSON and as an HTML report.'),
     'reproduce': ('reproduce:reproduce',
                   'Compute one published table or figure, ours beside theirs.'),
+    'bench': ('bench:bench', "Time the tissue solvers, ours beside others' in one run."),
     'import': ('imports:import_', "Turn a laboratory's files into bags."),
     'recover': ('bags:recover', 'Save every complete message of a damaged BAG.'),
     'conceal': ('bags:conceal', 'Copy a BAG without truth, plant, names, seed and dates.'),

@@ -54,12 +54,15 @@ class Assembler:
 
     def _make_pattern(self, conn):
         """CSR pattern of 3 x 3 node blocks, and for each block the element blocks it sums."""
-        a = conn.shape[1]
-        keys = np.repeat(conn, a, axis=1) * self.n + np.tile(conn, (1, a))
-        diagonal = np.arange(self.n) * (self.n + 1)
-        unique = np.unique(np.concatenate([keys.ravel(), diagonal]))
-        which = np.searchsorted(unique, keys.ravel())
-        self._block_start, self._block_slots = _grouped(which, len(unique))
+        keys = (conn[:, :, None] * self.n + conn[:, None, :]).ravel()
+        diagonal = np.arange(self.n) * (self.n + 1)  # there even for a node without elements
+        keys = np.concatenate([keys, diagonal])
+        order = np.argsort(keys, kind='stable')  # the one sort; it groups the blocks as well
+        first = np.flatnonzero(np.diff(keys[order], prepend=-1))
+        unique, count = keys[order[first]], len(keys) - self.n
+        within = order < count
+        self._block_slots = order[within]
+        self._block_start = np.concatenate([[0], np.cumsum(np.add.reduceat(within, first))])
         rows, cols = np.divmod(unique, self.n)
         self._row_blocks = np.searchsorted(rows, np.arange(self.n + 1))
         self._constant = np.zeros((len(unique), 9))
@@ -170,9 +173,9 @@ def _grouped(labels, count):
 
 def _expand(row_blocks, cols):
     """CSR (indptr, indices) of scalars from the pattern of 3 x 3 blocks."""
-    per_row = np.diff(row_blocks)
-    indptr = np.concatenate([[0], np.cumsum(np.repeat(3 * per_row, 3))])
+    width = np.repeat(3 * np.diff(row_blocks), 3)  # entries of each scalar row
+    indptr = np.concatenate([[0], np.cumsum(width)])
+    begin = np.repeat(3 * row_blocks[:-1], 3)      # of the row's columns among `block_cols`
     block_cols = (3 * cols[:, None] + np.arange(3)).ravel()
-    pieces = [np.tile(block_cols[3 * s:3 * e], 3)
-              for s, e in zip(row_blocks[:-1], row_blocks[1:], strict=True)]
-    return indptr.astype(np.int32), np.concatenate(pieces).astype(np.int32)
+    at = np.arange(indptr[-1]) + np.repeat(begin - indptr[:-1], width)
+    return indptr.astype(np.int32), block_cols[at].astype(np.int32)
