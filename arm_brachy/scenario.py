@@ -30,10 +30,11 @@ TICK_ROUNDING_NS = 1e-3  # what conversion from ms leaves at most
 
 @dataclass(frozen=True)
 class Overlay:
-    """Departures from the scene: mesh, element, material, physics terms (`- {name: ..., ...}`)."""
+    """Departures from the scene: mesh, element, pads, material, terms (`- {name: ..., ...}`)."""
 
     mesh: MeshFile | None = None
     element: Literal['quadratic', 'linear'] | None = None
+    contact: Literal['bonded', 'touching'] | None = None   # of all pads, instead of the scene's
     E: float = quantity(..., 'kPa', "Young's modulus instead of the scene's", low=0.01, high=1e6)
     nu: float = quantity(..., '', "Poisson's ratio instead of the scene's", low=0.0, high=0.4999)
     terms: tuple[dict, ...] = ()
@@ -186,7 +187,9 @@ def _overlaid(scene, overlay, path):
     if overlay.mesh is not None:
         mesh = MeshFile(str((path.parent / overlay.mesh.file).resolve()), overlay.mesh.unit)
     element = scene.element if overlay.element is None else overlay.element
-    return replace(scene, material=material, mesh=mesh, element=element)
+    pads = scene.pads if overlay.contact is None else tuple(
+        replace(pad, contact=overlay.contact) for pad in scene.pads)
+    return replace(scene, material=material, mesh=mesh, element=element, pads=pads)
 
 
 def _check_scene(scene, place):

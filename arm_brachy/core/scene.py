@@ -44,7 +44,9 @@ class Region:
 class PadPatch:
     """A disc-shaped pad on the surface: nodes within `radius` of the axis, on the facing side.
 
-    `set` names the nodes instead where the mesh file carries them.
+    `set` names the nodes instead where the mesh file carries them. A bonded pad carries those
+    nodes along. A touching one is a flat rigid disc with a rounded edge: it pushes, never pulls,
+    and slides against Coulomb friction; zero travel is where it just touches the body at rest.
     """
 
     name: str
@@ -53,6 +55,13 @@ class PadPatch:
     radius: float = quantity(8.0, 'mm', 'radius of the disc', low=0.5, high=200.0)
     stroke: float = quantity(30.0, 'mm', 'largest push from rest', low=0.0, high=200.0)
     set: str = ''
+    contact: Literal['bonded', 'touching'] = 'bonded'
+    friction: float = quantity(0.3, '', 'Coulomb coefficient (touching only)', low=0.0, high=5.0,
+                               source='own choice within the 0.2 to 0.5 of dry skin on smooth '
+                                      'polymers, Derler & Gerhardt 2012, Tribol Lett 45:1')
+    edge_radius: float = quantity(2.0, 'mm', 'rounding of the edge (touching only), at most '
+                                  'the radius', low=0.05, high=200.0,
+                                  source='own choice: a pad that is comfortable to wear')
 
 
 @dataclass(frozen=True)

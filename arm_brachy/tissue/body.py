@@ -30,11 +30,26 @@ class TetMesh:
 
 
 @dataclass(frozen=True)
+class PadFace:
+    """The face of a pad that touches: flat disc of `radius` [m], edge rounded with `edge_radius`.
+
+    friction : Coulomb coefficient
+    """
+
+    radius: float
+    edge_radius: float
+    friction: float
+
+
+@dataclass(frozen=True)
 class Pad:
-    """A rigid disc bonded to the surface; it translates, it does not rotate.
+    """A rigid disc on the surface; it translates, it does not rotate.
 
     nodes : (k,) node indices under the disc;  direction : (3,) unit vector into the tissue
     centre : (3,) [m] of the disc at rest;  stroke : largest displacement along direction [m]
+    face : PadFace of a pad that only touches, None = bonded to its nodes. Only
+        `contact_pads.PadContact` and with it the plant take notice: every other solver bonds all
+        pads, which is how models of a touching plant are made (README)
     """
 
     name: str
@@ -42,6 +57,7 @@ class Pad:
     direction: np.ndarray
     centre: np.ndarray
     stroke: float
+    face: PadFace | None = None
 
 
 @dataclass(frozen=True)
@@ -69,7 +85,8 @@ class SoftBody:
     springs : ground springs (base compliance)
     gravity : (3,) [m/s^2];  nodal_force : (n, 3) dead loads [N]
     nodal_mass : (n,) lumped masses carried besides the tissue's own [kg]; gravity acts on them too
-    damping : (alpha [1/s], beta [s]) Rayleigh damping alpha M + beta K(rest), dynamics only
+    damping : (alpha [1/s], beta [s]) of alpha M plus a Kelvin-Voigt stress, dynamics only; at rest
+        alpha M + beta K, which is Rayleigh damping (`viscosity.viscous_stress`)
     """
 
     mesh: TetMesh

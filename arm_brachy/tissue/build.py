@@ -6,8 +6,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from arm_brachy.core.errors import MeshError
-from arm_brachy.tissue.body import Pad, SoftBody
+from arm_brachy.core.errors import ConfigError, MeshError
+from arm_brachy.tissue.body import Pad, PadFace, SoftBody
 from arm_brachy.tissue.material import moduli
 from arm_brachy.tissue.mesh import (
     boundary_faces,
@@ -103,7 +103,8 @@ def build_pad(mesh, patch):
 
     mesh : TetMesh;  patch : PadPatch; its named set if it has one, else the surface nodes within
         `radius` of the disc's axis that face it and join the one nearest to its centre
-    Raises MeshError if that leaves fewer than 3 nodes, or the disc is off the surface.
+    Raises MeshError if that leaves fewer than 3 nodes, or the disc is off the surface, ConfigError
+    if a touching pad's edge is rounder than the pad.
     """
     where = f'pad {patch.name}'
     direction, centre = _unit(patch.direction, where), np.array(patch.centre, dtype=float)
@@ -118,7 +119,17 @@ def build_pad(mesh, patch):
         raise MeshError(f'{where}: its centre is {1e3 * gap:.1f} mm from the surface along its '
                         f'direction; allowed {1e3 * LARGEST_GAP:g} mm; move the pad onto the '
                         'surface')
-    return Pad(patch.name, nodes, direction, centre, patch.stroke)
+    return Pad(patch.name, nodes, direction, centre, patch.stroke, _face(patch))
+
+
+def _face(patch):
+    """PadFace of a pad that touches, None for a bonded one."""
+    if patch.contact == 'bonded':
+        return None
+    if patch.edge_radius > patch.radius:
+        raise ConfigError(f'pad {patch.name}: edge_radius_mm = {1e3 * patch.edge_radius:g}; must '
+                          f'be at most its radius_mm = {1e3 * patch.radius:g}')
+    return PadFace(patch.radius, patch.edge_radius, patch.friction)
 
 
 def _under_disc(mesh, centre, direction, radius):

@@ -184,11 +184,13 @@ def contact_forces(x, near, faces, N, w, R, c, kind, core, law, limit, normal, a
 
 @njit(cache=True, error_model='numpy')
 def contact_tangent(x, near, faces, N, w, R, c, kind, core, law, limit, normal, anchor, convex,
-                    indptr, column, data):
+                    mu, indptr, column, data):
     """Add the Hessian of one body's contact potential to the values of a CSR matrix.
 
     convex : leave out - p H, the turning of the pressure with the body's surface, which is what
         can make the Hessian indefinite
+    mu : 0, or the friction coefficient to let the limit mu p grow with the pressure where points
+        slip: the derivative of Coulomb's law, unsymmetric and no Hessian any more
     indptr : (3n + 1,) of the matrix;  column : (f, a, a) where in its row a block begins
     """
     k, s, k_t = law
@@ -206,7 +208,8 @@ def contact_tangent(x, near, faces, N, w, R, c, kind, core, law, limit, normal, 
                 for j in range(3):
                     H[i, j] = stiffness * g[i] * g[j] - turning * H[i, j]
             if limit[f, q] > 0.0:
-                _add_friction(y, normal[f, q], anchor[f, q], k_t, limit[f, q], t, H)
+                _add_friction(y, normal[f, q], anchor[f, q], k_t, limit[f, q], mu * stiffness, g,
+                              t, H)
             _rotate(R, H, B)
             for a in range(n_local):
                 for b in range(n_local):
@@ -218,8 +221,11 @@ def contact_tangent(x, near, faces, N, w, R, c, kind, core, law, limit, normal, 
 
 
 @njit(cache=True, error_model='numpy')
-def _add_friction(y, normal, anchor, k_t, limit, t, H):
-    """Add k_t T where the point sticks, limit / |t| (T - t t' / |t|^2) where it slips."""
+def _add_friction(y, normal, anchor, k_t, limit, growth, g, t, H):
+    """Add k_t T where the point sticks, limit / |t| (T - t t' / |t|^2) where it slips.
+
+    There the limit besides grows by `growth` [Pa/m] into the body, against the gradient g (3,).
+    """
     size = _slip(y, normal, anchor, t)
     sticks = size <= limit / k_t
     factor = k_t if sticks else limit / size
@@ -228,7 +234,7 @@ def _add_friction(y, normal, anchor, k_t, limit, t, H):
         for j in range(3):
             H[i, j] -= factor * normal[i] * normal[j]
             if not sticks:
-                H[i, j] -= factor * t[i] * t[j] / (size * size)
+                H[i, j] -= factor * t[i] * t[j] / (size * size) + growth * t[i] * g[j] / size
 
 
 @njit(cache=True, error_model='numpy')

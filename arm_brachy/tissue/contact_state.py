@@ -28,7 +28,7 @@ class ContactState:
     points : PointStates of each body, which the next step starts from
     residual : [N] largest out-of-balance force component on a free node
     iterations : Newton corrections of the step;  factorisations : tangents factorised
-    lags : renewals of friction;  steps : parts it was taken in
+    solves : back-solves with a factor;  steps : parts it was taken in
     outcome : OK, or why the state is still the one before
     """
 
@@ -44,7 +44,7 @@ class ContactState:
     residual: float
     iterations: int = 0
     factorisations: int = 0
-    lags: int = 0
+    solves: int = 0
     steps: int = 0
     outcome: Outcome = Outcome.OK
 

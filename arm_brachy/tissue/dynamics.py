@@ -1,16 +1,28 @@
 """Implicit dynamics for bodies that ring: generalised-alpha in time, Newton in each step.
 
-Balance at the free nodes: M a + C v + g(x) = 0 with g(x) = d(potential)/dx (`Assembler.forces`)
-and C = alpha M + beta K(rest). Source: Chung & Hulbert 1993, J Appl Mech 60:371; g is weighted
-between the ends of a step, so that an iteration evaluates it once.
+Balance at the free nodes: M a + alpha M v + g(x, v) = 0, where g is d(potential)/dx
+(`Assembler.forces`) with the viscous stress S = beta (2 mu dev E' + kappa J' J C^-1) added, E' the
+rate of Green's strain, J' that of J = det F, C = F'F: Kelvin and Voigt's solid, beta its
+retardation time. About rest that is Rayleigh's alpha M + beta K, with its damping ratio
+alpha / (2 w) + beta w / 2. Away from rest beta K(rest) would take rotation and isochoric strain
+for a change of volume, and near nu = 0.5 kappa would make that the largest damping of all.
+
+Source: Chung & Hulbert 1993, J Appl Mech 60:371; g is weighted between the ends of a step, so that
+an iteration evaluates it once.
+
+A factorisation costs some ten iterations, and near nu = 0.5 the stiffness against a change of
+volume, kappa / mu times the rest, makes it useless as soon as the body has turned by a degree. So
+the factor is kept from step to step and turned along with the nodes: the correction is
+R A^-1 R' r, R the rotation of each node since A was made (stiffness warping, Mueller et al. 2002,
+Proc SCA:49, used as a preconditioner, which decides how fast the iteration ends, not where).
 """
 
+import copy
 import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, diags_array, kron
 
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.outcome import Outcome
@@ -18,6 +30,14 @@ from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.free_dofs import FreeDofs, held_nodes
 from arm_brachy.tissue.linear_solver import FactorisationFailed
+from arm_brachy.tissue.mass import node_mass, onto
+from arm_brachy.tissue.viscosity import viscous_stress
+from arm_brachy.tissue.warping import mean_gradient, polar
+
+# An iteration that leaves more than this of the correction costs more than a new factor saves.
+SLOWEST = 0.5
+# A factor made for one step length serves another this near: at most 2 % of its mass term differ.
+SAME_STEP = 0.01
 
 
 @dataclass(frozen=True)
@@ -29,18 +49,21 @@ class DynamicOptions:
         steps and adds a damping ratio below 1e-5 to modes sampled 40 times per period (test)
     max_step : [s] longest step; a call that covers more is divided. 2.5 ms samples a 10 Hz mode
         40 times, which puts its frequency off by 0.2 %
-    mass : 'lumped' (diagonal) or 'consistent' (shape functions); the first bends
-        frequencies down, the second up, both with the square of the mesh width
+    mass : 'consistent' (shape functions) keeps the element's order: frequencies are above the
+        exact ones by h^2 (linear elements) or h^4 (quadratic). 'lumped' is diagonal: below them
+        by h^2 with linear elements, which is no worse, but with quadratic ones it is what errs
+        most: 0.2 to 0.5 % on a bar whose consistent error is 0.02 % and less (test). Nor does
+        it fit the weight of quadratic elements, which then strain as they fall
     tolerance : largest correction still open at convergence, over the body's diagonal;
-        1e-9 is 0.1 nm on a 100 mm body
+        1e-8 is 1 nm on a 100 mm body
     max_iterations : Newton iterations per step
     halvings : how often a step that fails is cut in two before the call gives up
     """
 
     rho_inf: float = 0.8
     max_step: float = 2.5e-3
-    mass: Literal['lumped', 'consistent'] = 'lumped'
-    tolerance: float = 1e-9
+    mass: Literal['lumped', 'consistent'] = 'consistent'
+    tolerance: float = 1e-8
     max_iterations: int = 20
     halvings: int = 4
 
@@ -75,6 +98,22 @@ def weights(rho_inf):
 
 
 @dataclass(frozen=True)
+class Anchor:
+    """Where the matrix that the steps iterate with was made; all that its bits depend on.
+
+    x : (n, 3) [m];  dt : [s] length of the step;  fields : StepFields
+    """
+
+    x: np.ndarray
+    dt: float
+    fields: StepFields
+
+    def serves(self, dt):
+        """True for steps of about the same length."""
+        return abs(self.dt - dt) <= SAME_STEP * dt
+
+
+@dataclass(frozen=True)
 class DynamicState:
     """The body at one instant, world frame.
 
@@ -82,6 +121,8 @@ class DynamicState:
     static : (n, 3) [N] g(x) + C v, carried over because the fields of the next step may differ
     pad_force : (p, 3) [N] of the tissue on each pad, inertia included
     pad_moment : (p, 3) [N m] of the same about the pad's centre (which moves with the pad)
+    anchor : Anchor that the next step starts with, or None. It travels with the state, so that
+        the next step's bits depend on its arguments alone, though the factor is kept
     iterations : Newton iterations of the call;  outcome : what the call came to
     """
 
@@ -92,17 +133,17 @@ class DynamicState:
     static: np.ndarray
     pad_force: np.ndarray
     pad_moment: np.ndarray
+    anchor: Anchor | None = None
     iterations: int = 0
     outcome: Outcome = Outcome.OK
 
 
 class DynamicSolver:
-    """Steps one SoftBody through time. Holds matrices and the symbolic factorisation, no state.
+    """Steps one SoftBody through time. Holds matrices and the factor last used, no state.
 
     body : SoftBody, held by fixed nodes, pads or springs, or not at all (free flight)
     options : DynamicOptions
-    Pads move linearly between calls. Rayleigh damping uses the stiffness at rest, so parts that
-    turn by more than about 20 deg are damped against their rotation too: keep beta small there.
+    Pads move linearly between calls.
     Test: verification/test_dynamics.py (order, energy, frequency, damping ratio, free fall)
     """
 
@@ -113,12 +154,12 @@ class DynamicSolver:
         self._assembler = Assembler(body)
         self._dofs = FreeDofs(self._assembler, held_nodes(body))
         self._solver = self._dofs.solver()
-        self._factored = None  # the step length whose matrix `_solver` holds, within one call
+        self._anchor = self._frames = None  # the Anchor whose matrix `_solver` holds
         self._tolerance = self.options.tolerance * np.linalg.norm(np.ptp(body.mesh.nodes, axis=0))
-        alpha, beta = body.damping
-        self.mass = mass_matrix(self._assembler, self.options.mass)
-        self.damping = self._assembler.tangent(body.mesh.nodes)
-        self.damping.data = alpha * self.mass.data + beta * self.damping.data
+        self._mass = node_mass(self._assembler, self.options.mass)
+        self._added_mass = onto(self._assembler.pattern, self._mass)
+        self._alpha, self._beta = body.damping
+        self._gradient = mean_gradient(body, self._dofs.free)
 
     def initial(self, x=None, v=None, t=0.0, fields=None):
         """Return the DynamicState that starts at positions x and velocities v.
@@ -128,11 +169,14 @@ class DynamicSolver:
         """
         x = (self.body.mesh.nodes if x is None else np.asarray(x, dtype=float)).copy()
         v = np.zeros_like(x) if v is None else np.array(v, dtype=float)
-        static = self._assembler.forces(x, fields) + _times(self.damping, v)
+        fields = StepFields.of(self.body) if fields is None else fields
+        self._assembler.forces(x, fields)  # refuses what is inverted
+        static, _ = self._static(x, v, fields)
         a = np.zeros_like(x)
-        self._solver.factor(self._dofs.upper(self.mass))
+        self._anchor = None
+        self._solver.factor(self._dofs.upper(self._added_mass))
         a[self._dofs.free] = self._solver.solve(-static[self._dofs.free].ravel()).reshape(-1, 3)
-        return self._finish(t, x, v, a, static, 0)
+        return self._finish(DynamicState(t, x, v, a, static, None, None))
 
     def step(self, state, pad_displacement, dt, fields=None):
         """Carry a DynamicState to state.t + dt.
@@ -146,7 +190,6 @@ class DynamicSolver:
         fields = StepFields.of(self.body) if fields is None else fields
         start, goal = state.x[self._dofs.held], self._held_positions(pad_displacement)
         count, iterations, now = self.substeps(dt), 0, state
-        self._factored = None  # or the bits would depend on earlier calls
         for k in range(1, count + 1):
             target = goal if k == count else start + (k / count) * (goal - start)
             new = self._cover(now, target, dt / count, fields, self.options.halvings)
@@ -162,7 +205,7 @@ class DynamicSolver:
 
     def energy(self, state, fields=None):
         """Return kinetic plus potential energy [J] of a DynamicState (loads included)."""
-        kinetic = 0.5 * np.sum(state.v * _times(self.mass, state.v))
+        kinetic = 0.5 * np.sum(state.v * (self._mass @ state.v))
         return kinetic + self._assembler.energy(state.x, fields)
 
     def _cover(self, state, goal, dt, fields, halvings):
@@ -180,35 +223,46 @@ class DynamicSolver:
         return replace(now, iterations=spent)
 
     def _advance(self, state, goal, dt, fields):
-        """One generalised-alpha step by modified Newton: the factor is renewed where it stalls."""
-        x, last = self._predict(state, goal, dt, fields), np.inf
-        stale = self._factored != dt
+        """One generalised-alpha step: extrapolated with the old factor, else from where we are.
+
+        Constant acceleration is a good guess of what the step resolves and a wild one of what it
+        does not, such as the stiff modes that a sudden release excites.
+        """
+        here = Anchor(state.x, dt, copy.deepcopy(fields))
+        kept = state.anchor if state.anchor is not None and state.anchor.serves(dt) else here
+        ahead = state.x + dt * state.v + 0.5 * dt**2 * state.a
+        spent = 0
+        for anchor, guess in ((kept, ahead), (here, state.x.copy())):
+            guess[self._dofs.held] = goal
+            new = self._iterate(state, anchor, guess, dt, fields)
+            spent += new.iterations
+            if new.outcome.ok:
+                break
+        return replace(new, iterations=spent)
+
+    def _iterate(self, state, anchor, x, dt, fields):
+        """Modified Newton from x (n, 3), which it moves; a factor that is slow is renewed."""
+        turn, last = None, np.inf
         for iteration in range(1, self.options.max_iterations + 1):
-            v, a = self._rates(state, x, dt)
-            residual, static, min_J = self._residual(state, x, v, a, fields)
+            v, a, residual, static, min_J = self._residual(state, x, dt, fields)
             if not min_J > 0.0:
                 return replace(state, iterations=iteration, outcome=Outcome.INVERTED_ELEMENT)
-            try:
-                if stale:
-                    self._factor(x, dt, fields)
-            except FactorisationFailed:
-                return replace(state, iterations=iteration, outcome=Outcome.NOT_CONVERGED)
-            move = self._solver.solve(residual).reshape(-1, 3)
+            if turn is None:
+                try:
+                    self._factor(anchor)
+                except FactorisationFailed:
+                    break
+                turn = self._turn(x)
+            move = self._correction(residual, turn)
             size = np.abs(move).max(initial=0.0)
             if size <= self._tolerance:
-                return self._finish(state.t + dt, x, v, a, static, iteration)
+                return self._finish(replace(state, t=state.t + dt, x=x, v=v, a=a, static=static,
+                                            anchor=anchor, iterations=iteration))
             x[self._dofs.free] -= move
-            stale, last = size > 0.3 * last, size
+            if size > SLOWEST * last:
+                anchor, turn = Anchor(x.copy(), dt, copy.deepcopy(fields)), None
+            last = size
         return replace(state, iterations=iteration, outcome=Outcome.NOT_CONVERGED)
-
-    def _predict(self, state, goal, dt, fields):
-        """Constant acceleration, or where we are if that turns an element inside out."""
-        x = state.x + dt * state.v + 0.5 * dt**2 * state.a
-        x[self._dofs.held] = goal
-        if not self._assembler.evaluate(x, fields).min_J > 0.0:
-            x = state.x.copy()
-            x[self._dofs.held] = goal
-        return x
 
     def _rates(self, state, x, dt):
         """Newmark velocities and accelerations; for held nodes those of the linear motion."""
@@ -220,27 +274,69 @@ class DynamicSolver:
         a[held] = (v[held] - state.v[held]) / dt
         return v, a
 
-    def _residual(self, state, x, v, a, fields):
-        """Weighted balance at the free dofs, static force at the end, smallest det F."""
-        w = self._weights
-        now = self._assembler.evaluate(x, fields)
-        static = now.forces + _times(self.damping, v)
-        balance = (_times(self.mass, (1.0 - w.alpha_m) * a + w.alpha_m * state.a)
+    def _residual(self, state, x, dt, fields):
+        """v, a, weighted balance (f, 3) of the free nodes, static force at the end, min det F."""
+        w, free = self._weights, self._dofs.free
+        v, a = self._rates(state, x, dt)
+        static, min_J = self._static(x, v, fields)
+        balance = (self._mass @ ((1.0 - w.alpha_m) * a + w.alpha_m * state.a)
                    + (1.0 - w.alpha_f) * static + w.alpha_f * state.static)
-        return balance[self._dofs.free].ravel(), static, now.min_J
+        return v, a, balance[free], static, min_J
 
-    def _factor(self, x, dt, fields):
-        w, self._factored = self._weights, None
-        matrix = self._assembler.tangent(x, fields)
-        matrix.data = (1.0 - w.alpha_m) / (w.beta * dt**2) * self.mass.data + (1.0 - w.alpha_f) * (
-            w.gamma / (w.beta * dt) * self.damping.data + matrix.data)
-        self._solver.factor(self._dofs.upper(matrix))
-        self._factored = dt
+    def _static(self, x, v, fields):
+        """Forces of position and velocity (n, 3) [N], smallest det F."""
+        if self._beta:
+            fields = replace(fields, stress=self._viscous(x, v, fields))
+        now, springs = self._assembler.evaluate(x, fields), self.body.springs
+        force = now.forces + self._alpha * (self._mass @ v)
+        force[springs.nodes] += self._beta * np.einsum('sij,sj->si', springs.stiffness,
+                                                       v[springs.nodes])
+        return force, now.min_J
 
-    def _finish(self, t, x, v, a, static, iterations):
-        reaction = static + _times(self.mass, a)
+    def _viscous(self, x, v, fields):
+        """Second Piola-Kirchhoff stress (m, q, 3, 3) of the fields and of the strain's rate."""
+        g, stress = self._assembler.geometry, np.empty_like(fields.stress)
+        viscous_stress(x, v, g.connectivity, g.gradients, self._beta * fields.mu,
+                       self._beta * fields.kappa, fields.stress, stress)
+        return stress
+
+    def _correction(self, residual, turn):
+        """R A^-1 R' residual (f, 3) with the factor A and the turns R (f, 3, 3) since then."""
+        back = np.einsum('fji,fj->fi', turn, residual)
+        return np.einsum('fij,fj->fi', turn, self._solver.solve(back.ravel()).reshape(-1, 3))
+
+    def _factor(self, anchor):
+        """Hold the matrix of an Anchor; nothing to do if it is held already."""
+        if self._anchor is not anchor:
+            self._anchor = None
+            try:
+                self._solver.factor(self._matrix(anchor, convex=False))
+            except FactorisationFailed:  # compressed by an iterate, not unstable as a rule
+                self._solver.factor(self._matrix(anchor, convex=True))
+            self._anchor, self._frames = anchor, self._rotations(anchor.x)
+
+    def _matrix(self, anchor, convex):
+        w, dt = self._weights, anchor.dt
+        matrix = self._assembler.tangent(anchor.x, anchor.fields, convex=convex)
+        rate, left = w.gamma / (w.beta * dt), 1.0 - w.alpha_f  # dv / dx at the end of a step
+        mass = (1.0 - w.alpha_m) / (w.beta * dt**2) + left * rate * self._alpha
+        matrix.data = (mass * self._added_mass.data
+                       + left * (1.0 + rate * self._beta) * matrix.data)
+        return self._dofs.upper(matrix)
+
+    def _rotations(self, x):
+        """Rotation (f, 3, 3) of every free node from rest."""
+        return np.swapaxes(polar((self._gradient @ x).reshape(-1, 3, 3)), 1, 2)
+
+    def _turn(self, x):
+        """Rotation (f, 3, 3) of every free node since the Anchor in use."""
+        return self._rotations(x) @ np.swapaxes(self._frames, 1, 2)
+
+    def _finish(self, state):
+        """The state with the loads on its pads, outcome OK."""
+        reaction = state.static + self._mass @ state.a
         force, moment = pad_loads(self.body, reaction)
-        return DynamicState(t, x, v, a, static, force, moment, iterations)
+        return replace(state, pad_force=force, pad_moment=moment, outcome=Outcome.OK)
 
     def _held_positions(self, pad_displacement):
         x = self.body.mesh.nodes.copy()
@@ -262,38 +358,3 @@ def pad_loads(body, reaction):
         arm = body.mesh.nodes[pad.nodes] - pad.centre  # the disc translates: its arms stay
         force[i], moment[i] = on_pad.sum(axis=0), np.cross(arm, on_pad).sum(axis=0)
     return force, moment
-
-
-def mass_matrix(assembler, kind):
-    """Return the mass matrix (3n, 3n) [kg] on the assembler's pattern.
-
-    kind : 'lumped' (`Assembler.lumped_mass`) or 'consistent' (integral of rho N_a N_b); carried
-        masses stay on the diagonal
-    """
-    n, body, geometry = assembler.n, assembler.body, assembler.geometry
-    if kind == 'lumped':
-        return _onto(assembler.pattern, diags_array(assembler.lumped_mass()))
-    conn = geometry.connectivity
-    a = conn.shape[1]
-    rows, cols = np.repeat(conn, a, axis=1).ravel(), np.tile(conn, (1, a)).ravel()
-    blocks = np.outer(assembler.element_mass(), geometry.mass.ravel()).ravel()
-    matrix = coo_array((blocks, (rows, cols)), shape=(n, n))
-    carried = np.zeros(n) if body.nodal_mass is None else body.nodal_mass
-    return _onto(assembler.pattern, matrix.tocsr() + diags_array(carried))
-
-
-def _onto(pattern, scalar):
-    """Spread a node matrix (n, n) to three axes and write it on a CSR pattern that contains it."""
-    indptr, indices = pattern
-    full = kron(csr_array(scalar), np.eye(3), format='coo')
-    size = full.shape[0]
-    keys = np.repeat(np.arange(size), np.diff(indptr)) * size + indices
-    rows, cols = (np.asarray(c, dtype=np.int64) for c in full.coords)
-    data = np.zeros(len(indices))
-    data[np.searchsorted(keys, rows * size + cols)] = full.data
-    return csr_array((data, indices, indptr), shape=full.shape)
-
-
-def _times(matrix, vectors):
-    """Sparse (3n, 3n) times a nodal field (n, 3)."""
-    return (matrix @ vectors.ravel()).reshape(-1, 3)

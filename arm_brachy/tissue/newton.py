@@ -23,14 +23,13 @@ class NewtonOptions:
                'one step old; six decades below the sensors')
     max_iterations: int = 40            # per load step; a healthy step takes 3 to 8
     max_bisections: int = 8             # smallest load step 2^-8 of the command
-    # Keep the old factor while each correction is below this fraction of the last one: tangent and
-    # factor cost about five force evaluations and back-solves with linear elements, twelve with
-    # quadratic ones; from 0.1 to 0.3 all values cost the same within noise.
-    contraction: float = 0.2
+    # Keep the old factor while, at the rate at which corrections shrink, at most so many are still
+    # to come: tangent and factor cost as much as 4 (2398 linear elements) to 12 (quadratic ones).
+    patience: float = 8.0
     # `follow` may use an old factor longer: five cheap corrections cost as much as a new factor.
     chord: float = 0.3
-    # A load step whose linear prediction leaves an element less than this part of its volume is cut
-    # in two: back from there costs more iterations than two steps (dome, 20 mm: 24 against 15).
+    # A load step whose linear prediction leaves an element less than this part of its volume is
+    # halved: back from there costs more iterations than two steps (dome, 20 mm: 24 against 15).
     crushing: float = 0.3
     sufficient_decrease: float = 1e-4   # Armijo constant, Nocedal & Wright (2006), sec. 3.1
     max_backtracks: int = 12            # halvings of one Newton step
@@ -72,14 +71,15 @@ class StaticSolver:
     """Finds where a SoftBody rests for given pad displacements.
 
     body : SoftBody;  options : NewtonOptions
+    assembler : what sums its potential, None = Assembler(body); contact adds its own to that
     `solve` depends on its arguments alone, so equal arguments give equal bits; `follow` also on
     the states solved before. Not to be shared between threads.
     """
 
-    def __init__(self, body, *, options=None):
+    def __init__(self, body, *, options=None, assembler=None):
         self.body = body
         self.options = NewtonOptions() if options is None else options
-        self.assembler = Assembler(body)
+        self.assembler = Assembler(body) if assembler is None else assembler
         self.free = FreeDofs(self.assembler, held_nodes(body))
         self._factor = self.free.solver()
         self._tangent, self._shifted = None, False
@@ -224,7 +224,7 @@ class StaticSolver:
 
     def _load_step(self, x, state, way, fields, counts):
         """Equilibrium (x, its Evaluation) after the held nodes moved by `way`; raises _Failed."""
-        size = np.inf
+        size, patience = np.inf, self.options.patience
         self._factorise(x, fields, counts)
         if way.any():
             x, state, size = self._predict(x, way, state, fields, counts)
@@ -234,7 +234,7 @@ class StaticSolver:
             last, size = size, np.abs(direction).max(initial=0.0)
             if size <= self.options.tolerance and not self._shifted:
                 return x, state
-            if not fresh and (self._shifted or size > self.options.contraction * last):
+            if not fresh and (self._shifted or self._outstanding(size, last) > patience):
                 self._factorise(x, fields, counts)
                 direction = self._correction(state)
                 size = np.abs(direction).max(initial=0.0)
@@ -242,6 +242,12 @@ class StaticSolver:
             counts['iterations'] += 1
             fresh = False
         raise _Failed(Outcome.NOT_CONVERGED)
+
+    def _outstanding(self, size, last):
+        """Corrections to come if each is size / last times the one before; inf if they grow."""
+        if not size < last:
+            return np.inf
+        return np.log(self.options.tolerance / size) / np.log(size / last)
 
     def _correction(self, state):
         """Displacements (n, 3) of the free nodes that cancel the force out of balance."""

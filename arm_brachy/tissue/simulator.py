@@ -1,7 +1,6 @@
 """The plant: one soft body with its physics terms, stepped from one pad command to the next."""
 
 import dataclasses
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -9,35 +8,8 @@ import numpy as np
 from arm_brachy.core.errors import ConfigError, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.tissue.body import StepFields
-from arm_brachy.tissue.dynamics import DynamicSolver, pad_loads
-from arm_brachy.tissue.newton import StaticSolver
-
-# [N] Out-of-balance force per node below which a state counts as equilibrium without a solve.
-# If it pushed the same way at all 700 nodes of a 60 mm body of 6 kPa, the body would move by
-# n r / (E L) = 0.2 um, a hundredth of an optical tracker's noise.
-SKIP_RESIDUAL = 1e-7
-
-
-@dataclass(frozen=True)
-class TissueState:
-    """What the plant shows at one instant, world frame.
-
-    t : [s];  x : (n, 3) node positions [m];  v : (n, 3) velocities [m/s]; in quasi-static
-        motion the mean over the last step, zero while nothing moves
-    pad_force : (p, 3) [N] of the tissue on each pad
-    pad_moment : (p, 3) [N m] of the same about the pad's centre
-    outcome : OK, or why the last good state is held;  iterations : Newton iterations of the step
-    residual : [N] largest out-of-balance force at the last solve (0 in dynamics)
-    """
-
-    t: float
-    x: np.ndarray
-    v: np.ndarray
-    pad_force: np.ndarray
-    pad_moment: np.ndarray
-    outcome: Outcome = Outcome.OK
-    iterations: int = 0
-    residual: float = 0.0
+from arm_brachy.tissue.contact_pads import touches
+from arm_brachy.tissue.integrators import Implicit, QuasiStatic, Touching
 
 
 class TissueSimulator:
@@ -48,21 +20,30 @@ class TissueSimulator:
         `registry.split` keep the registry's order)
     dynamics : 'quasi_static' (equilibrium at every instant) or 'implicit' (inertia and damping)
     options : NewtonOptions or DynamicOptions, whichever belongs to `dynamics`; None = defaults
+    Pads of the body that have a face touch it, with friction; the others are bonded. With friction
+    a state depends on the path that led there, so `settle` and `step` go on from the last one.
     Quasi-static motion holds while pads move slowly against the body's lowest vibration (a
     factor of ten in time); for bodies that ring choose 'implicit'.
-    Raises ConfigError for an unknown `dynamics`, and what the terms raise if they do not fit.
+    Raises ConfigError for an unknown `dynamics` or touching pads in 'implicit' dynamics, and what
+    the terms raise if they do not fit.
     """
 
     def __init__(self, body, terms=(), *, dynamics: Literal['quasi_static', 'implicit'] =
                  'quasi_static', options=None):
-        integrators = {'quasi_static': _QuasiStatic, 'implicit': _Implicit}
+        integrators = {'quasi_static': QuasiStatic, 'implicit': Implicit}
         if dynamics not in integrators:
             raise ConfigError(f'dynamics = {dynamics!r}; must be one of {", ".join(integrators)}')
         for term in terms:
             body = term.prepare(body)
         self.body = body
         self.terms = tuple(terms)
-        self._integrator = integrators[dynamics](body, options)
+        integrator = integrators[dynamics]
+        if touches(body).any():
+            if dynamics != 'quasi_static':
+                raise ConfigError(f'dynamics = {dynamics!r} with touching pads; must be '
+                                  "'quasi_static', or bond the pads")
+            integrator = Touching
+        self._integrator = integrator(body, options)
         self.reset()
 
     @property
@@ -89,14 +70,12 @@ class TissueSimulator:
         pads = np.zeros((len(self.body.pads), 3)) if pad_displacement is None else (
             self._checked(pad_displacement))
         fields = self._fields(self._memories, self._clock, np.inf)
-        solution = self._integrator.statics.solve(self._good.x, pads, fields)
-        if not solution.outcome.ok:
-            return self._held(solution.outcome, solution.iterations)
-        self._memories = self._remember(self._memories, solution.x, self._clock, np.inf)
-        self._native, good = self._integrator.start(solution.x, self._clock, fields)
-        self._good = dataclasses.replace(good, iterations=solution.iterations,
-                                         residual=solution.residual)
-        return self._good
+        native, state = self._integrator.settle(self._native, pads, self._clock, fields)
+        if not state.outcome.ok:
+            return self._held(state.outcome, state.iterations)
+        self._memories = self._remember(self._memories, state.x, self._clock, np.inf)
+        self._native, self._good = native, state
+        return state
 
     def step(self, t, pad_displacement):
         """Advance to time t with the pads moving there linearly.
@@ -127,7 +106,7 @@ class TissueSimulator:
         # Without memory nothing happens between substeps, and the integrator divides dt itself.
         remembers = any(memory is not None for memory in memories)
         count = self._integrator.substeps(dt) if remembers else 1
-        start = self._pads_of(self._good.x)
+        start = self._integrator.pads(native)
         for k in range(1, count + 1):
             h, now = dt / count, begin + dt * k / count
             target = pads if k == count else start + (pads - start) * (k / count)
@@ -153,11 +132,6 @@ class TissueSimulator:
         return dataclasses.replace(self._good, t=self._clock, outcome=outcome,
                                    v=np.zeros_like(self._good.v), iterations=iterations)
 
-    def _pads_of(self, x):
-        """Displacement of each pad (p, 3); a pad translates, so one node tells."""
-        first = [pad.nodes[0] for pad in self.body.pads]
-        return (x - self.body.mesh.nodes)[first].reshape(-1, 3)
-
     def _checked(self, pad_displacement):
         pads = np.array(pad_displacement, dtype=float)
         if pads.shape != (len(self.body.pads), 3):
@@ -165,88 +139,3 @@ class TissueSimulator:
                              f'({len(self.body.pads)}, 3), one row per pad in the order '
                              f'{", ".join(self.body.pad_names)}')
         return pads
-
-
-class _QuasiStatic:
-    """Equilibrium at every instant. Native state: (TissueState, x one step earlier or None)."""
-
-    def __init__(self, body, options):
-        self.body = body
-        self.statics = StaticSolver(body, options=options)
-
-    def start(self, x, t, fields):
-        state = self._resting(t, x, fields)
-        return (state, None), state
-
-    def substeps(self, dt):
-        return 1
-
-    def step(self, native, pads, dt, fields):
-        state, before = native
-        t, goal = state.t + dt, self.statics.held_positions(pads)
-        if self._in_equilibrium(state, goal, fields):
-            new = dataclasses.replace(self._resting(t, state.x, fields), residual=state.residual)
-            return (new, None), new
-        solution = self._solve(state.x, before, goal, fields)
-        new = TissueState(t, solution.x, (solution.x - state.x) / dt, solution.pad_force,
-                          solution.pad_moment, solution.outcome, solution.iterations,
-                          solution.residual)
-        return (new, state.x), new
-
-    def _solve(self, x, before, goal, fields):
-        """Solve from the extrapolated state, or from the last one if that leads nowhere.
-
-        Extrapolation leaves an error of second order in the pad step: measured on 2058 elements,
-        half the iterations of a start from the last state.
-        """
-        if before is not None:
-            trend = x - before
-            solution = self.statics.follow(x + self._progress(x, trend, goal) * trend, goal,
-                                           fields)
-            if solution.outcome.ok:
-                return solution
-        return self.statics.follow(x, goal, fields)
-
-    def _progress(self, x, trend, goal):
-        """How far the held nodes go on along their last motion, in units of it, within [0, 2]."""
-        held = self.statics.free.held
-        last, ahead = trend[held], (goal - x)[held]
-        length = np.sum(last * last)
-        return float(np.clip(np.sum(ahead * last) / length, 0.0, 2.0)) if length > 0.0 else 0.0
-
-    def _in_equilibrium(self, state, goal, fields):
-        """True if held nodes are where they should be and no free node is pulled noticeably."""
-        held, free = self.statics.free.held, self.statics.free.free
-        if not np.array_equal(state.x[held], goal[held]):
-            return False
-        pull = np.abs(self.statics.assembler.forces(state.x, fields)[free]).max(initial=0.0)
-        return pull <= max(SKIP_RESIDUAL, state.residual)
-
-    def _resting(self, t, x, fields):
-        force, moment = pad_loads(self.body, self.statics.assembler.forces(x, fields))
-        return TissueState(t, x.copy(), np.zeros_like(x), force, moment)
-
-
-class _Implicit:
-    """Inertia and damping. Native state: DynamicState."""
-
-    def __init__(self, body, options):
-        self.solver = DynamicSolver(body, options)
-        self.statics = StaticSolver(body)
-
-    def start(self, x, t, fields):
-        native = self.solver.initial(x, t=t, fields=fields)
-        return native, _shown(native)
-
-    def substeps(self, dt):
-        return self.solver.substeps(dt)
-
-    def step(self, native, pads, dt, fields):
-        native = self.solver.step(native, pads, dt, fields)
-        return native, _shown(native)
-
-
-def _shown(native):
-    """The part of a DynamicState that the plant shows."""
-    return TissueState(native.t, native.x, native.v, native.pad_force, native.pad_moment,
-                       native.outcome, native.iterations)

@@ -52,7 +52,8 @@ def test_energy_equals_a_plain_sum(body, state):
     mesh = body.mesh
     F = edge_matrices(x, mesh.tets) @ np.linalg.inv(edge_matrices(mesh.nodes, mesh.tets))
     green = 0.5 * (F.transpose(0, 2, 1) @ F - np.eye(3))
-    density = material.energy(F, body.mu, body.kappa) + np.sum(fields.stress[:, 0] * green, axis=(1, 2))
+    density = (material.energy(F, body.mu, body.kappa)
+               + np.sum(fields.stress[:, 0] * green, axis=(1, 2)))
     u = x - mesh.nodes
     mass = np.bincount(mesh.tets.ravel(), np.repeat(body.density * volumes(mesh) / 4, 4))
     mass += body.nodal_mass

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from arm_brachy.core.errors import MeshError
+from arm_brachy.core.errors import ConfigError, MeshError
 from arm_brachy.core.scene import (
     Marker,
     Material,
@@ -17,6 +17,7 @@ from arm_brachy.core.scene import (
     Scene,
     Target,
 )
+from arm_brachy.tissue.body import PadFace
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.build import (
     build_body,
@@ -145,3 +146,13 @@ def test_a_laboratorys_own_pads_are_found_by_geometry(recordings):
         named = dataclasses.replace(patch, set=pad['node_set'])
         mesh = load_mesh(folder / 'phantom.npz')
         assert np.array_equal(build_pad(mesh, patch).nodes, build_pad(mesh, named).nodes)
+
+
+def test_a_touching_pad_gets_a_face(mesh):
+    patch = dataclasses.replace(TOP, contact='touching', friction=0.4, edge_radius=0.003)
+    pad = build_pad(mesh, patch)
+    assert pad.face == PadFace(radius=0.011, edge_radius=0.003, friction=0.4)
+    np.testing.assert_array_equal(pad.nodes, build_pad(mesh, TOP).nodes)
+    assert build_pad(mesh, TOP).face is None
+    with pytest.raises(ConfigError, match='pad top: edge_radius_mm = 12; must be at most its'):
+        build_pad(mesh, dataclasses.replace(patch, edge_radius=0.012))

@@ -1,17 +1,25 @@
 """Dynamic stepping as a component: options, division of calls, purity, failure."""
 
 import copy
+import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import Pad, SoftBody, StepFields
 from arm_brachy.tissue.box import box_mesh
-from arm_brachy.tissue.dynamics import DynamicOptions, DynamicSolver, mass_matrix, weights
+from arm_brachy.tissue.dynamics import DynamicOptions, DynamicSolver, weights
+from arm_brachy.tissue.element import element_geometry
+from arm_brachy.tissue.linear_solver import Pardiso
+from arm_brachy.tissue.mass import mass_matrix
 from arm_brachy.tissue.material import moduli
+from arm_brachy.tissue.mesh import quadratic_mesh
+from arm_brachy.tissue.viscosity import viscous_stress
+from arm_brachy.tissue.warping import polar
 
 
 def body():
@@ -95,24 +103,94 @@ def test_halving_gets_through_where_one_step_cannot():
     assert patient.step(patient.initial(), deep, 0.02).outcome.ok
 
 
-def test_initial_acceleration_balances_forces():
-    """M a + C v + g = 0 at the free nodes, for either mass matrix."""
-    given = body()
+@pytest.mark.parametrize(('moved', 'damping'), [(2e-4, (2.0, 0.0)), (0.0, (2.0, 1e-3))])
+@pytest.mark.parametrize('kind', ['lumped', 'consistent'])
+def test_initial_acceleration_balances_forces(kind, moved, damping):
+    """M a + C v + g = 0 at the free nodes; at rest, C is Rayleigh's alpha M + beta K."""
+    given = dataclasses.replace(body(), damping=damping)
     rng = np.random.default_rng(5)
     free = np.setdiff1d(np.arange(len(given.mesh.nodes)),
                         np.concatenate([given.fixed, given.pads[0].nodes]))
-    x = given.mesh.nodes.copy()
-    x[free] += rng.normal(0.0, 2e-4, (len(free), 3))
-    v = np.zeros_like(x)
+    x, v = given.mesh.nodes.copy(), np.zeros_like(given.mesh.nodes)
+    x[free] += moved * rng.normal(size=(len(free), 3))
     v[free] = rng.normal(0.0, 0.01, (len(free), 3))
-    for kind in ('lumped', 'consistent'):
-        solver = DynamicSolver(given, DynamicOptions(mass=kind))
-        state = solver.initial(x, v)
-        assembler = Assembler(given)
-        M = mass_matrix(assembler, kind)
-        C = 2.0 * M + 1e-3 * assembler.tangent(given.mesh.nodes)
-        balance = (M @ state.a.ravel() + C @ v.ravel()).reshape(-1, 3) + assembler.forces(x)
-        np.testing.assert_allclose(balance[free], 0.0, atol=1e-10)
+    state = DynamicSolver(given, DynamicOptions(mass=kind)).initial(x, v)
+    assembler = Assembler(given)
+    M = mass_matrix(assembler, kind)
+    C = damping[0] * M + damping[1] * assembler.tangent(given.mesh.nodes)
+    balance = (M @ state.a.ravel() + C @ v.ravel()).reshape(-1, 3) + assembler.forces(x)
+    np.testing.assert_allclose(balance[free], 0.0, atol=1e-10)
+
+
+def turned(angle):
+    """Rotation by an angle [rad] about an axis that is none of the mesh's."""
+    return Rotation.from_rotvec(angle * np.array([2.0, -1.0, 2.0]) / 3.0).as_matrix()
+
+
+def viscous(mesh, x, v):
+    """`viscous_stress` (m, q, 3, 3) with shear viscosity 2 Pa s, bulk viscosity 1000 Pa s."""
+    g = element_geometry(mesh)
+    zero, m = np.zeros((*g.weights.shape, 3, 3)), len(mesh.tets)
+    stress = np.empty_like(zero)
+    viscous_stress(x, v, g.connectivity, g.gradients, np.full(m, 2.0), np.full(m, 1e3), zero,
+                   stress)
+    return stress
+
+
+def test_viscous_stress_leaves_rotation_alone():
+    """Spinning, stretched and far from rest: no strain rate, no stress."""
+    mesh = quadratic_mesh(box_mesh((0.02, 0.01, 0.01), (1, 1, 1)))
+    x = mesh.nodes @ np.diag([1.3, 0.9, 0.8]) @ turned(2.0).T
+    v = np.cross([3.0, -7.0, 5.0], x)
+    np.testing.assert_allclose(viscous(mesh, x, v), 0.0, atol=1e-9)    # of 1e4 Pa: rounding
+    assert np.abs(viscous(mesh, x, 1.0 * x)).max() > 1e3    # but swelling at 1 / s meets bulk
+
+
+def test_isochoric_strain_meets_no_bulk_viscosity():
+    """Stretched by 1.4 at constant volume and stretching on: stress of the order of shear."""
+    mesh = box_mesh((0.02, 0.01, 0.01), (1, 1, 1))
+    stretch = np.diag([1.4, 1.4**-0.5, 1.4**-0.5])
+    x = mesh.nodes @ stretch
+    v = x @ np.diag([1.0, -0.5, -0.5])
+    F_rate = stretch @ np.diag([1.0, -0.5, -0.5])
+    rate = stretch @ F_rate
+    exact = 2.0 * 2.0 * (rate - np.trace(rate) / 3.0 * np.eye(3))
+    np.testing.assert_allclose(viscous(mesh, x, v),
+                               np.broadcast_to(exact, (len(mesh.tets), 1, 3, 3)), atol=1e-10)
+
+
+def test_polar_factor_is_the_rotation():
+    rng = np.random.default_rng(2)
+    stretch = np.eye(3) + 0.1 * rng.normal(size=(5, 3, 3))
+    stretch = stretch @ np.swapaxes(stretch, 1, 2)
+    exact = np.stack([turned(angle) for angle in (0.0, 0.3, 1.5, 3.0, -2.0)])
+    np.testing.assert_allclose(polar(exact @ stretch), exact, atol=1e-12)
+
+
+def test_factor_is_kept_while_the_body_turns(monkeypatch):
+    """Thrown, spinning once around, nearly incompressible: one factor, exact rotation."""
+    mesh = box_mesh((0.04, 0.02, 0.02), (2, 1, 1))
+    m, (mu, kappa) = len(mesh.tets), moduli(264e3, 0.499)
+    solver = DynamicSolver(SoftBody(mesh, np.full(m, mu), np.full(m, kappa), np.full(m, 1e3),
+                                    np.zeros(0, dtype=np.int64)))
+    made, factor, centre = [], Pardiso.factor, [0.02, 0.01, 0.01]
+    state = solver.initial(v=np.cross([0.0, 0.0, 2.0 * np.pi], mesh.nodes - centre))
+    monkeypatch.setattr(Pardiso, 'factor', lambda self, data: made.append(factor(self, data)))
+    state = solver.step(state, np.zeros((0, 3)), 1.0)
+    assert state.outcome.ok and len(made) == 1
+    np.testing.assert_allclose(state.x, mesh.nodes, atol=2e-4)   # 0.2 ms after 400 steps
+
+
+def test_another_solver_continues_with_the_same_bits():
+    """What the next step depends on travels with the state, the kept factor included."""
+    solver = DynamicSolver(body())
+    state = solver.step(solver.initial(), push(1e-3), 0.01)
+    expected = solver.step(state, push(2e-3), 0.01)
+    other = DynamicSolver(body())
+    other.step(other.initial(), push(4e-3), 0.03)
+    found = other.step(copy.deepcopy(state), push(2e-3), 0.01)
+    np.testing.assert_array_equal(found.x, expected.x)
+    np.testing.assert_array_equal(found.pad_force, expected.pad_force)
 
 
 def test_carried_mass_is_on_the_diagonal():

@@ -14,8 +14,8 @@ from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import Pad, SoftBody, StepFields
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.build import build_body, load_masses
-from arm_brachy.tissue.dynamics import mass_matrix
 from arm_brachy.tissue.element import EDGES
+from arm_brachy.tissue.mass import mass_matrix
 from arm_brachy.tissue.material import moduli
 from arm_brachy.tissue.mesh import (
     boundary_faces,

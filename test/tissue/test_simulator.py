@@ -7,7 +7,7 @@ import pytest
 
 from arm_brachy.core.errors import ConfigError, InputError
 from arm_brachy.core.outcome import Outcome
-from arm_brachy.tissue.body import Pad, SoftBody
+from arm_brachy.tissue.body import Pad, PadFace, SoftBody
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.dynamics import DynamicOptions
 from arm_brachy.tissue.material import moduli
@@ -163,3 +163,96 @@ def test_slow_pushing_makes_dynamics_quasi_static():
         a, b = (s.step(0.1 * k, push(1e-4 * k)) for s in (static, dynamic))
     np.testing.assert_allclose(b.x, a.x, rtol=0.0, atol=2e-6)
     np.testing.assert_allclose(b.pad_force, a.pad_force, rtol=5e-3, atol=1e-3)
+
+
+# --- touching pads -------------------------------------------------------------------------
+
+def touched(gravity=0.0, friction=0.3, bonded_side=False):
+    """The block with a disc of 12 mm that only touches its top, if asked a bonded pad besides."""
+    given = body(gravity)
+    pad = dataclasses.replace(given.pads[0], face=PadFace(0.012, 0.002, friction))
+    nodes = given.mesh.nodes
+    side = np.flatnonzero((nodes[:, 0] == 0.0) & (np.abs(nodes[:, 1:] - 0.02) < 0.011).all(axis=1))
+    other = Pad('side', side, np.array([1.0, 0, 0]), np.array([0.0, 0.02, 0.02]), 0.02)
+    return dataclasses.replace(given, pads=(other, pad) if bonded_side else (pad,))
+
+
+def test_touching_pads_repeat_their_bits_and_reset_forgets():
+    simulator = TissueSimulator(touched(9.81), TERMS)
+    first = drive(simulator)
+    assert all(state.outcome.ok for state in first)
+    for again in (drive(TissueSimulator(touched(9.81), TERMS)),):
+        for a, b in zip(first, again, strict=True):
+            np.testing.assert_array_equal(a.x, b.x)
+    simulator.reset()  # the factor it keeps is another: equal to the solver's tolerance
+    for a, b in zip(first, drive(simulator), strict=True):
+        np.testing.assert_allclose(a.x, b.x, rtol=0.0, atol=1e-8)
+        np.testing.assert_allclose(a.pad_force, b.pad_force, rtol=1e-4, atol=1e-6)
+
+
+def test_a_touching_pad_pushes_lifts_off_and_never_pulls():
+    simulator = TissueSimulator(touched(friction=0.0))  # or the second push knows of the way
+    at_zero = simulator.settle()
+    assert not at_zero.pad_force.any()
+    pushed = simulator.step(1.0, push(2e-3))
+    assert pushed.outcome.ok and pushed.pad_force[0, 2] > 0.05
+    held = simulator.step(2.0, push(2e-3))
+    assert held.iterations == 0 and not held.v.any()
+    away = simulator.step(3.0, push(-1e-3))
+    assert away.outcome.ok and not away.pad_force.any() and not away.pad_moment.any()
+    np.testing.assert_allclose(away.x, simulator.body.mesh.nodes, rtol=0.0, atol=1e-8)
+    again = simulator.step(4.0, push(2e-3))
+    np.testing.assert_allclose(again.pad_force, pushed.pad_force, rtol=0.0, atol=1e-5)
+
+
+def test_more_friction_gives_more_force():
+    """The tissue under the disc cannot spread where it sticks."""
+    forces = [TissueSimulator(touched(friction=mu)).step(1.0, push(2e-3)).pad_force[0, 2]
+              for mu in (0.0, 0.1, 0.3)]
+    assert 0.0 < forces[0] < forces[1] < forces[2]
+
+
+def test_memory_relaxes_the_force_on_a_touching_pad():
+    """Long after a push the force is the settled one; at once it is that of the whole chain."""
+    simulator = TissueSimulator(touched(), (Viscoelasticity(),))
+    simulator.settle()
+    quick = simulator.step(1e-3, push(2e-3)).pad_force[0, 2]
+    for k in range(1, 31):
+        late = simulator.step(k, push(2e-3))
+    settled = simulator.settle(push(2e-3))
+    assert late.outcome.ok and settled.outcome.ok
+    assert quick > 1.05 * settled.pad_force[0, 2]
+    np.testing.assert_allclose(late.pad_force, settled.pad_force, rtol=1e-2, atol=1e-3)
+
+
+def test_a_failed_push_of_a_touching_pad_is_held_with_advice():
+    simulator = TissueSimulator(touched(), TERMS[:2])
+    good = simulator.step(1.0, push(2e-3))
+    failed = simulator.step(2.0, push(0.1))
+    assert failed.outcome in (Outcome.INVERTED_ELEMENT, Outcome.NOT_CONVERGED)
+    assert failed.outcome.advice and failed.t == 2.0 and simulator.state is good
+    np.testing.assert_array_equal(failed.x, good.x)
+    np.testing.assert_array_equal(failed.pad_force, good.pad_force)
+    assert simulator.step(3.0, push(2.2e-3)).outcome.ok
+
+
+def test_bonded_and_touching_pads_go_together():
+    simulator = TissueSimulator(touched(bonded_side=True))
+    simulator.settle()
+    state = simulator.step(1.0, np.array([[1e-3, 0.0, 0.0], [0.0, 0.0, -2e-3]]))
+    assert state.outcome.ok
+    assert state.pad_force[0, 0] < 0.0 < state.pad_force[1, 2]
+    moved = (state.x - simulator.body.mesh.nodes)[simulator.body.pads[0].nodes]
+    np.testing.assert_allclose(moved, np.broadcast_to([1e-3, 0.0, 0.0], moved.shape), atol=1e-15)
+
+
+def test_touching_pads_are_refused_in_dynamics():
+    with pytest.raises(ConfigError, match="'implicit' with touching pads"):
+        TissueSimulator(touched(), dynamics='implicit')
+
+
+def test_a_model_bonds_the_pads_that_touch():
+    """The documented approximation: StaticSolver takes no notice of a face."""
+    faced, plain = touched(), body(0.0)
+    found = [StaticSolver(b).solve(b.mesh.nodes, push(2e-3)).x for b in (faced, plain)]
+    np.testing.assert_array_equal(*found)

@@ -4,23 +4,28 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.sparse.linalg import eigsh
 
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import Pad, SoftBody
 from arm_brachy.tissue.box import box_mesh
-from arm_brachy.tissue.dynamics import DynamicOptions, DynamicSolver, mass_matrix, weights
+from arm_brachy.tissue.dynamics import DynamicOptions, DynamicSolver, weights
 from arm_brachy.tissue.free_dofs import FreeDofs
+from arm_brachy.tissue.mass import mass_matrix
 from arm_brachy.tissue.material import moduli
+from arm_brachy.tissue.mesh import quadratic_mesh
 from arm_brachy.tissue.newton import StaticSolver
 
 NO_PADS = np.zeros((0, 3))
 
 
-def beam(nu=0.3, damping=(0.0, 0.0), gravity=0.0, fixed=True, mass=None, divisions=(8, 2, 2)):
+def beam(nu=0.3, damping=(0.0, 0.0), gravity=0.0, fixed=True, mass=None, divisions=(8, 2, 2),
+         quadratic=False):
     """Cantilever of 264 kPa silicone, 100 x 15 x 15 mm."""
     mesh = box_mesh((0.1, 0.015, 0.015), divisions)
+    mesh = quadratic_mesh(mesh) if quadratic else mesh
     mu, kappa = moduli(264e3, nu)
     m = len(mesh.tets)
     held = mesh.node_sets['x0'] if fixed else np.zeros(0, dtype=np.int64)
@@ -28,7 +33,7 @@ def beam(nu=0.3, damping=(0.0, 0.0), gravity=0.0, fixed=True, mass=None, divisio
                     gravity=np.array([0.0, 0.0, -gravity]), nodal_mass=mass, damping=damping)
 
 
-def modes(body, kind='lumped', count=1):
+def modes(body, kind='consistent', count=1):
     """Lowest angular frequencies [rad/s] and shapes (count, n, 3) of the body at rest."""
     assembler = Assembler(body)
     dofs = FreeDofs(assembler, body.fixed).dofs
@@ -60,10 +65,67 @@ def crossings(q, dt):
     return (i + q[i] / (q[i] - q[i + 1])) * dt
 
 
+def timoshenko_frequency(E, nu, rho, length, side):
+    """First angular frequency [rad/s] of a clamped beam of square section, with shear (5/6).
+
+    Source: Huang 1961, J Appl Mech 28:579, clamped-free frequency equation (both roots real).
+    """
+    area, inertia, G = side**2, side**4 / 12.0, E / (2.0 * (1.0 + nu))
+    r2, s2 = inertia / (area * length**2), E * inertia / (5.0 / 6.0 * area * G * length**2)
+
+    def equation(w):
+        b = w * np.sqrt(rho * area * length**4 / (E * inertia))
+        root = np.sqrt((r2 - s2)**2 + 4.0 / b**2)
+        alpha, beta = (b * np.sqrt((sign * (r2 + s2) + root) / 2.0) for sign in (-1.0, 1.0))
+        return (2.0 + (b**2 * (r2 - s2)**2 + 2.0) * np.cosh(alpha) * np.cos(beta)
+                - b * (r2 + s2) / np.sqrt(1.0 - b**2 * r2 * s2) * np.sinh(alpha) * np.sin(beta))
+
+    slender = 1.875104**2 * np.sqrt(E * inertia / (rho * area * length**4))
+    return brentq(equation, 0.5 * slender, slender)
+
+
+@pytest.mark.parametrize('kind', ['lumped', 'consistent'])
+def test_quadratic_cantilever_rings_as_timoshenko_says(kind):
+    """At nu = 0, where the clamp does not keep the section from narrowing, as theory has it."""
+    omega, _ = modes(beam(nu=0.0, quadratic=True), kind)
+    exact = timoshenko_frequency(264e3, 0.0, 1070.0, 0.1, 0.015)
+    assert omega[0] == pytest.approx(exact, rel=3e-3)
+
+
+def bar_error(quadratic, kind, n):
+    """Relative error of the first longitudinal frequency of a clamped bar, sides held, nu = 0.
+
+    Exact: pi / (2 L) sqrt(E / rho), with no motion across.
+    """
+    body = beam(nu=0.0, divisions=(n, 1, 1), quadratic=quadratic)
+    assembler = Assembler(body)
+    along = 3 * np.setdiff1d(np.arange(assembler.n), body.fixed)
+    K = assembler.tangent(body.mesh.nodes)[along][:, along]
+    M = mass_matrix(assembler, kind)[along][:, along]
+    value = eigsh(K.tocsc(), k=1, M=M.tocsc(), sigma=0.0, v0=np.ones(len(along)),
+                  return_eigenvectors=False)
+    return np.sqrt(value[0]) / (np.pi / 0.2 * np.sqrt(264e3 / 1070.0)) - 1.0
+
+
+def test_mass_keeps_the_order_of_the_element():
+    """Consistent: above, by h^2 or h^4. Lumped: below; what errs most with quadratic elements."""
+    errors = {(q, kind): np.array([bar_error(q, kind, n) for n in (2, 4, 8)])
+              for q in (False, True) for kind in ('lumped', 'consistent')}
+    rates = {key: np.log2(np.abs(e[:-1] / e[1:])) for key, e in errors.items()}
+    for (_, kind), error in errors.items():
+        assert np.all(error > 0.0 if kind == 'consistent' else error < 0.0)
+    np.testing.assert_allclose(rates[False, 'consistent'], 2.0, atol=0.3)
+    np.testing.assert_allclose(rates[False, 'lumped'], 2.0, atol=0.3)
+    np.testing.assert_allclose(rates[True, 'consistent'], 4.0, atol=0.4)
+    assert np.all(np.abs(errors[True, 'lumped']) > 10.0 * errors[True, 'consistent'])
+    assert np.all(np.abs(errors[True, 'lumped']) < 5e-3)
+
+
+@pytest.mark.parametrize('quadratic', [False, True])
 @pytest.mark.parametrize('kind', ['lumped', 'consistent'])
 @pytest.mark.parametrize('nu', [0.3, 0.499])
-def test_cantilever_rings_at_the_frequency_of_the_eigenproblem(kind, nu):
-    body = beam(nu)
+def test_cantilever_rings_at_the_frequency_of_the_eigenproblem(nu, kind, quadratic):
+    body = beam(nu, divisions=(4, 1, 1) if quadratic else (8, 2, 2), quadratic=quadratic)
     omega, shapes = modes(body, kind)
     period = 2.0 * np.pi / omega[0]
     options = DynamicOptions(rho_inf=1.0, max_step=period / 100, mass=kind)
@@ -86,6 +148,31 @@ def test_rayleigh_damping_ratio(damping):
     exact = np.exp(-zeta * omega[0] * t) * (
         np.cos(w_d * t) + zeta / np.sqrt(1.0 - zeta**2) * np.sin(w_d * t))
     np.testing.assert_allclose(q, exact, rtol=0.0, atol=2e-3)
+
+
+@pytest.mark.parametrize('steps', [40, 80])
+def test_damping_ratio_at_large_deflection_is_that_of_the_mode(steps):
+    """Let go from a fifth of its length, nu = 0.499: decay by beta w / 2, whatever the step.
+
+    A viscosity beta K(rest) would damp the beam's turning with kappa: no period would be seen.
+    """
+    body = beam(0.499, damping=(0.0, 2e-3), quadratic=True)
+    omega, _ = modes(body)
+    period, tip = 2.0 * np.pi / omega[0], body.mesh.node_sets['x1']
+    load = np.zeros_like(body.mesh.nodes)
+    load[tip, 2] = 0.08 / len(tip)
+    bent = StaticSolver(dataclasses.replace(body, nodal_force=load)).solve(
+        body.mesh.nodes, NO_PADS)
+    solver = DynamicSolver(body, DynamicOptions(max_step=period / steps))
+    state, z = solver.initial(bent.x), []
+    for _ in range(round(1.6 * steps)):
+        state = solver.step(state, NO_PADS, period / steps)
+        assert state.outcome.ok
+        z.append((state.x - body.mesh.nodes)[tip, 2].mean())
+    assert np.ptp(z) > 0.03
+    peaks = [np.abs(z[k * steps // 4: (k + 2) * steps // 4]).max() for k in (1, 3, 5)]
+    decrement = np.log(peaks[0] / peaks[2]) / 2.0     # per half period
+    assert decrement / np.hypot(np.pi, decrement) == pytest.approx(1e-3 * omega[0], rel=0.05)
 
 
 @pytest.mark.parametrize('rho_inf', [1.0, 0.8, 0.0])
@@ -148,11 +235,16 @@ def test_default_adds_little_damping_to_resolved_modes():
     assert np.abs(np.angle(root)) == pytest.approx(phase, rel=5e-3)
 
 
-@pytest.mark.parametrize('kind', ['lumped', 'consistent'])
-def test_free_fall_is_exact(kind):
-    """Unheld, under gravity, with uneven carried masses: x = v t - g t^2 / 2, unstrained."""
+@pytest.mark.parametrize(('kind', 'quadratic'), [
+    ('lumped', False), ('consistent', False), ('consistent', True)])
+def test_free_fall_is_exact(kind, quadratic):
+    """Unheld, under gravity, with uneven carried masses: x = v t - g t^2 / 2, unstrained.
+
+    Not with quadratic elements and lumped mass: gravity keeps to the shape functions.
+    """
     mass = np.random.default_rng(3).uniform(0.0, 1e-3, 9 * 3 * 3)
-    body = beam(gravity=9.81, fixed=False, mass=mass)
+    body = beam(gravity=9.81, fixed=False, mass=mass, quadratic=quadratic,
+                divisions=(4, 1, 1) if quadratic else (8, 2, 2))
     solver = DynamicSolver(body, DynamicOptions(mass=kind))
     v = np.broadcast_to([0.3, -0.2, 1.0], body.mesh.nodes.shape)
     state = solver.step(solver.initial(v=v), NO_PADS, 0.2)

@@ -11,9 +11,9 @@ from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.mesh import quadratic_mesh
 from arm_brachy.tissue.newton import NewtonOptions, StaticSolver
 
-# The solver's tolerance is for the components of a correction estimated by an older tangent, which
-# leaves up to 1 / (1 - contraction) of it; the comparison's is for distances.
-STOP = NewtonOptions(tolerance=TOLERANCE * (1.0 - NewtonOptions.contraction) / np.sqrt(3.0))
+# The solver's tolerance is for the components of a correction, the comparison's for distances;
+# half, because corrections by an older tangent leave the rest of a geometric series.
+STOP = NewtonOptions(tolerance=0.5 * TOLERANCE / np.sqrt(3.0))
 
 
 def body_of(problem):
