@@ -14,7 +14,7 @@ from arm_brachy.cli.output import (
 from arm_brachy.experiments.catalogue import EXPERIMENTS
 
 
-@click.command(epilog=f'NAME: {", ".join(sorted(EXPERIMENTS))}')
+@click.command(epilog='\b\nNAME is one of\n  ' + '\n  '.join(sorted(EXPERIMENTS)))
 @click.argument('name', type=click.Choice(sorted(EXPERIMENTS)), metavar='NAME')
 @click.option('--out', type=click.Path(), metavar='FOLDER',
               help='Of the result; new or empty. Default: runs/<name>-<time>.')

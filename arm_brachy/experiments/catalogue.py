@@ -6,11 +6,14 @@ Each module has a NAME, as on the command line, and `reproduce(folder)`, which t
 
 from arm_brachy.experiments import (
     dome_rig,
+    element_accuracy,
     figure_3_2,
     model_verification,
+    reduced_model,
     silicone_beam,
     table_3_1,
 )
 
 EXPERIMENTS = {module.NAME: module.reproduce
-               for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig)}
+               for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig,
+                             element_accuracy, reduced_model)}
