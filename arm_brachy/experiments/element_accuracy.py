@@ -150,14 +150,15 @@ class Reference:
                 'target_max_mm': targets.max(), 'reaction_percent': 100.0 * (ratio - 1.0)}
 
 
-def reference(case, scene, mesh, *, depth=PUSH, nu=None):
-    """Return the Reference of a Case at the nodes of `mesh`, mid-edge ones too, and the targets.
+def reference(case, scene, mesh, *, points=None, depth=PUSH, nu=None):
+    """Return the Reference of a Case at some points and the scene's targets.
 
     mesh : TetMesh with rims, refined towards the pushed one, twice
+    points : (k, 3) [m], None = the nodes of `mesh` and the middles of its edges
     scene, depth, nu : as in `push`
     """
     targets = target_points(scene)[1]
-    points = np.vstack([quadratic_mesh(mesh).nodes, targets])
+    points = np.vstack([quadratic_mesh(mesh).nodes if points is None else points, targets])
     coarse, fine = (push(scene, reference_mesh(case, scene, mesh, edge), WINNER, depth=depth,
                          nu=nu) for edge in case.fine)
     pads = np.concatenate([fine.body.mesh.nodes[pad.nodes] for pad in fine.body.pads])

@@ -37,7 +37,7 @@ def no_peers(monkeypatch):
 
 
 def test_without_peers_our_rows_stand_and_the_others_say_how_to_install(no_peers, tmp_path):
-    result = bench_solvers.bench(tmp_path, ('small',), ('linear',), judge=False, tasks=False)
+    result = bench_solvers.bench(tmp_path, (('small', 'linear'),), judge=False, tasks=False)
     ours = [r for r in result.rows if r['solver'] == 'arm_brachy']
     others = [r for r in result.rows if r not in ours]
     assert ours and all(0.0 < r['cpu_s'] < 60.0 and 0.0 < r['error_um'] <= 1.0 for r in ours)
