@@ -90,6 +90,19 @@ def _recording_rows(results):
            '`reproduce dome-rig`')
 
 
+def _solvers(results):
+    lines = ['| solver | mesh | element | CPU s | iterations | off by / um | wrong by / mm | '
+             'wrong by, reaction |', '|---|---|---|---|---|---|---|---|']
+    rows = [r for r in _load(results, 'bench-solvers')['rows'] if r.get('cpu_s') is not None]
+    for key in dict.fromkeys((r['solver'], r['mesh'], r['element']) for r in rows):
+        best = min((r for r in rows if (r['solver'], r['mesh'], r['element']) == key),
+                   key=lambda r: r['cpu_s'])
+        lines.append('| ' + ' | '.join((
+            *key, f'{best["cpu_s"]:.3g}', f'{best["iterations"]}', f'{best["error_um"]:.2g}',
+            f'{best["quadratic_far_mm"]:.2f}', f'{best["reaction_error_percent"]:+.0f} %')) + ' |')
+    return '\n'.join(lines)
+
+
 def _span(rows, key, digits=0):
     values = [r[key] for r in rows]
     return f'{min(values):.{digits}f} to {max(values):.{digits}f}'
@@ -99,7 +112,7 @@ def _mean(rows, key):
     return float(np.mean([r[key] for r in rows]))
 
 
-BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results}
+BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers}
 
 
 def main():
