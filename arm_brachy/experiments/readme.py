@@ -92,15 +92,20 @@ def _recording_rows(results):
 
 def _solvers(results):
     lines = ['| solver | mesh | element | CPU s | iterations | off by / um | wrong by / mm | '
-             'wrong by, reaction |', '|---|---|---|---|---|---|---|---|']
+             'wrong by, reaction / % |', '|---|---|---|---|---|---|---|---|']
     rows = [r for r in _load(results, 'bench-solvers')['rows'] if r.get('cpu_s') is not None]
     for key in dict.fromkeys((r['solver'], r['mesh'], r['element']) for r in rows):
         best = min((r for r in rows if (r['solver'], r['mesh'], r['element']) == key),
                    key=lambda r: r['cpu_s'])
-        lines.append('| ' + ' | '.join((
-            *key, f'{best["cpu_s"]:.3g}', f'{best["iterations"]}', f'{best["error_um"]:.2g}',
-            f'{best["quadratic_far_mm"]:.2f}', f'{best["reaction_error_percent"]:+.0f} %')) + ' |')
+        figures = (('cpu_s', '.3g'), ('iterations', 'd'), ('error_um', '.2g'),
+                   ('quadratic_far_mm', '.2f'), ('reaction_error_percent', '+.0f'))
+        lines.append('| ' + ' | '.join((*key, *(_number(best[name], form)
+                                                for name, form in figures))) + ' |')
     return '\n'.join(lines)
+
+
+def _number(value, form):
+    return '-' if value is None else f'{value:{form}}'
 
 
 def _span(rows, key, digits=0):
