@@ -53,6 +53,9 @@ class Quantity:
     prior : (kind, a, b) for the fitter, edge unit: ('uniform', low, high),
         ('normal', mean, sd) or ('lognormal', median, factor at one sd); None = not fitted
     typical : size at which the effect is usually met (edge unit); None = the default
+    neutral : value (edge unit) at which the effect is switched off by this parameter, each
+        component of a vector alike; infinity = rigid in the limit; None = it does not scale the
+        effect, but says where, when or how
     source : where default and range come from
 
     Raises ValueError for a unit that is not in UNITS and for a range turned round: a declaration
@@ -67,6 +70,7 @@ class Quantity:
     prior: tuple | None = None
     typical: float | None = None
     source: str = ''
+    neutral: float | None = None
 
     def __post_init__(self):
         if self.unit not in UNITS:
@@ -121,15 +125,15 @@ class Quantity:
 
 
 def quantity(default, unit, text, *, low=None, high=None, shape=(), prior=None, typical=None,
-             source=''):
+             source='', neutral=None):
     """Declare a physical parameter as a dataclass field.
 
     default : in the edge unit (as a person would write it); stored in SI. None = must be given,
         `...` = optional and absent (stored as None)
-    unit, text, low, high, shape, prior, typical, source : see Quantity
+    unit, text, low, high, shape, prior, typical, source, neutral : see Quantity
     Raises ValueError for a unit that does not exist or a default outside its own range.
     """
-    info = Quantity(unit, text, low, high, shape, prior, typical, source)
+    info = Quantity(unit, text, low, high, shape, prior, typical, source, neutral)
     meta = {'quantity': info}
     if default is None:
         return dataclasses.field(metadata=meta)

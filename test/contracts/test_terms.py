@@ -15,21 +15,20 @@ from arm_brachy.tissue.body import Pad, SoftBody, StepFields
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.material import moduli
 
-# What switches a term off. base_compliance is rigid in a limit only.
-NEUTRAL = {
-    'stiffness_scale': {'factor': 1.0},
-    'inclusion': {'ratio': 1.0},
-    'viscoelasticity': {'g1': 0.0, 'g2': 0.0},
-    'actuator_lag': {'time_constant': 0.0, 'delay': 0.0},
-    'backlash': {'width': 0.0},
-    'marker_slip': {'offset': (0.0, 0.0, 0.0)},
-    'em_distortion': {'gradient': 0.0, 'rotation': (0.0, 0.0, 0.0),
-                      'pad_coupling': (0.0, 0.0, 0.0)},
-}
+
+
+def off(cls):
+    """Parameters that switch a term off, as declared; None where that is a limit only."""
+    values = {name: info.to_si([info.neutral] * 3 if info.shape else info.neutral)
+              for name, info in quantities(cls).items() if info.neutral is not None}
+    finite = np.isfinite(np.concatenate([np.ravel(v) for v in values.values()])).all()
+    return values if finite else None
+
+
 BODY_STAGES = (Kind.TISSUE, Kind.BOUNDARY)
 
 switchable = pytest.mark.parametrize(
-    'cls', [c for c in registry.TERMS if c.spec.name in NEUTRAL], ids=lambda c: c.spec.name)
+    'cls', [c for c in registry.TERMS if off(c) is not None], ids=lambda c: c.spec.name)
 every_term = pytest.mark.parametrize('cls', registry.TERMS, ids=lambda c: c.spec.name)
 
 
@@ -143,6 +142,14 @@ def test_priors_can_be_drawn_from(cls):
 
 
 @every_term
+def test_something_scales_the_effect(cls):
+    for name, info in quantities(cls).items():
+        if info.neutral is not None:
+            assert np.isinf(info.neutral) or info.low <= info.neutral <= info.high, name
+    assert any(info.neutral is not None for info in quantities(cls).values())
+
+
+@every_term
 def test_something_can_be_fitted(cls):
     assert any(info.prior for info in quantities(cls).values())
 
@@ -207,7 +214,7 @@ def test_memory_survives_pickling(cls):
 
 @switchable
 def test_the_neutral_value_switches_it_off(cls):
-    term = dataclasses.replace(cls(), **NEUTRAL[cls.spec.name])
+    term = dataclasses.replace(cls(), **off(cls))
     if cls.spec.kind in BODY_STAGES:
         prepared, fields, _ = run_body(term)
         assert_same(prepared, body())
@@ -225,8 +232,8 @@ def test_the_neutral_value_switches_it_off(cls):
 @switchable
 def test_the_typical_value_does_something(cls):
     term = typical(cls)
-    off = dataclasses.replace(term, **NEUTRAL[cls.spec.name])
+    none = dataclasses.replace(term, **off(cls))
     if cls.spec.name == 'inclusion':  # into the small block of this suite
-        term, off = (dataclasses.replace(t, centre=(0.015,) * 3) for t in (term, off))
-    pairs = zip(leaves(run(term)), leaves(run(off)), strict=True)
+        term, none = (dataclasses.replace(t, centre=(0.015,) * 3) for t in (term, none))
+    pairs = zip(leaves(run(term)), leaves(run(none)), strict=True)
     assert any(not np.array_equal(a, b) for a, b in pairs)

@@ -37,11 +37,11 @@ class ActuatorLag(ActuationTerm):
         20.0, 'ms', 'time constant of the first-order response', low=0.0, high=5000.0,
         prior=('lognormal', 20.0, 3.0), typical=20.0,
         source='position loop of 8 Hz bandwidth, usual for a geared DC linear servo '
-               '(engineering judgement; identify with a ramp)')
+               '(engineering judgement; identify with a ramp)', neutral=0.0)
     delay: float = quantity(
         0.0, 'ms', 'dead time before the motor answers', low=0.0, high=5000.0,
         prior=('uniform', 0.0, 100.0), typical=20.0,
-        source='one period of the usual 50 Hz RC-servo command (Actuonix L16-R) is 20 ms')
+        source='one period of the usual 50 Hz RC-servo command (Actuonix L16-R) is 20 ms', neutral=0.0)
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='actuator_lag', kind=Kind.ACTUATION, stage=Stage.SETPOINT,

@@ -29,10 +29,11 @@ class EmDistortion(SensingTerm):
         0.1, 'mm_per_mm', 'isotropic stretch of apparent position', low=-0.5, high=0.5,
         prior=('normal', 0.0, 0.1), typical=0.1,
         source='an Aurora errs by 4.2 mm at worst with a steel rod 20 mm away (Hummel et al. '
-               '2005, Med. Phys. 32:2371); over a few centimetres that is about 0.1')
+               '2005, Med. Phys. 32:2371); over a few centimetres that is about 0.1', neutral=0.0)
     rotation: tuple = quantity(
         [0.0, 0.0, 0.0], 'mm_per_mm', 'rotation vector of apparent position', low=-0.5, high=0.5,
-        shape=(3,), prior=('normal', 0.0, 0.1), typical=0.1, source='as gradient')
+        shape=(3,), prior=('normal', 0.0, 0.1), typical=0.1, source='as gradient',
+        neutral=0.0)
     extent: float = quantity(
         150.0, 'mm', 'distance over which the static error fades', low=10.0, high=2000.0,
         prior=('lognormal', 150.0, 2.0), typical=150.0,
@@ -40,7 +41,7 @@ class EmDistortion(SensingTerm):
     pad_coupling: tuple = quantity(
         [0.0, 0.0, 0.0], 'mm_per_mm', 'apparent shift per travel of the pad', low=-1.0, high=1.0,
         shape=(3,), prior=('normal', 0.0, 0.1), typical=0.1,
-        source='as gradient, for metal that comes closer by the travel')
+        source='as gradient, for metal that comes closer by the travel', neutral=0.0)
     pad: int = -1  # index of the pad that carries the metal; -1 means that every pad does
 
     spec: ClassVar[TermSpec] = TermSpec(

@@ -27,12 +27,12 @@ class BaseCompliance(BodyTerm):
         1.0, 'kPa_mm', 'foundation modulus along the base normal', low=1e-3, high=1e4,
         prior=('lognormal', 1.0, 5.0), typical=1.0,
         source='engineering judgement: foam of E = 10 kPa, 10 mm thick, E / thickness; rigid in '
-               'the limit of large values')
+               'the limit of large values', neutral=float('inf'))
     tangential: float = quantity(
         1.0, 'kPa_mm', 'foundation modulus along the base', low=1e-3, high=1e4,
         prior=('lognormal', 1.0, 5.0), typical=1.0,
         source='engineering judgement: a glued layer, between G / thickness (a third of normal) '
-               'and normal')
+               'and normal', neutral=float('inf'))
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='base_compliance', kind=Kind.BOUNDARY, stage=Stage.BODY,

@@ -35,7 +35,7 @@ class Inclusion(BodyTerm):
         1.0, '', 'modulus inside over modulus outside', low=0.1, high=100.0,
         prior=('lognormal', 2.0, 2.5), typical=5.0,
         source='malignant tumours 3-6 x, high-grade ductal carcinoma up to 13 x fibroglandular '
-               'tissue (Samani et al. 2007, Phys Med Biol 52:1565); neutral at 1')
+               'tissue (Samani et al. 2007, Phys Med Biol 52:1565)', neutral=1.0)
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='inclusion', kind=Kind.TISSUE, stage=Stage.BODY,

@@ -21,7 +21,7 @@ class StiffnessScale(BodyTerm):
         1.0, '', 'modulus over the modulus of the scene', low=0.05, high=20.0,
         prior=('lognormal', 1.0, 1.5), typical=1.2,
         source='breast tissues span 1 (fat) to 13 (carcinoma) x gland (Samani et al. 2007, Phys '
-               'Med Biol 52:1565); limits wider, engineering judgement; neutral at 1')
+               'Med Biol 52:1565); limits wider, engineering judgement', neutral=1.0)
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='stiffness_scale', kind=Kind.TISSUE, stage=Stage.BODY,

@@ -46,11 +46,12 @@ class Viscoelasticity(BodyTerm):
     """
 
     g1: float = quantity(0.3, '', 'share of the instantaneous modulus that relaxes with tau1',
-                         low=0.0, high=0.9, prior=('uniform', 0.0, 0.6), source=_SOURCE)
+                         low=0.0, high=0.9, prior=('uniform', 0.0, 0.6), source=_SOURCE,
+                         neutral=0.0)
     tau1: float = quantity(3.0, 's', 'relaxation time of the first branch', low=1e-3, high=1e4,
                            prior=('lognormal', 3.0, 3.0), source=_SOURCE)
     g2: float = quantity(0.0, '', 'share that relaxes with tau2 (0 = one branch)', low=0.0,
-                         high=0.9, prior=('uniform', 0.0, 0.4), source=_SOURCE)
+                         high=0.9, prior=('uniform', 0.0, 0.4), source=_SOURCE, neutral=0.0)
     tau2: float = quantity(40.0, 's', 'relaxation time of the second branch', low=1e-3, high=1e4,
                            prior=('lognormal', 40.0, 3.0), source=_SOURCE)
 
