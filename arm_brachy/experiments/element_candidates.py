@@ -6,10 +6,9 @@ linear               constant strain, the thesis' element
 linear, smoothed     the same nodes; isochoric part with the strain averaged over the elements at
                      an edge, volume part over those at a node (Liu & Nguyen-Thoi, Smoothed
                      Finite Element Methods, 2010)
-quadratic            as the engine has it (`tissue.element`)
-quadratic, one J     its volume part at the element's centre only: one volume constraint for each
-                     element instead of four (selective reduced integration, Malkus & Hughes 1978,
-                     Comput Methods Appl Mech Eng 15:63; to first order the mean dilatation)
+quadratic            as the engine has it (`tissue.element`): near nu = 0.5 one volume constraint
+                     for each element
+quadratic, in full   every part of the energy at all four points: four constraints
 """
 
 from dataclasses import dataclass
@@ -21,14 +20,12 @@ from arm_brachy.tissue.body import SoftBody
 from arm_brachy.tissue.element import (
     EDGES,
     ElementGeometry,
-    edge_matrices,
     linear_tet,
     quadratic_tet,
-    shape_slopes,
 )
 
-LINEAR, SMOOTHED, QUADRATIC, ONE_J = ELEMENTS = (
-    'linear', 'linear, smoothed', 'quadratic', 'quadratic, one J')
+LINEAR, SMOOTHED, IN_FULL, QUADRATIC = ELEMENTS = (
+    'linear', 'linear, smoothed', 'quadratic, in full', 'quadratic')
 
 
 @dataclass(frozen=True)
@@ -54,42 +51,37 @@ def with_element(body, element):
     """
     if element in (LINEAR, QUADRATIC):
         return body
-    make = {ONE_J: _one_volume, SMOOTHED: _smoothed}[element]
-    shear, volume = make(body.mesh)
+    if element == IN_FULL:
+        mesh = body.mesh
+        whole = quadratic_tet(mesh.nodes, mesh.connectivity, np.ones(len(mesh.tets)))
+        return _patched(body, whole)
+    shear, volume = _smoothed(body.mesh)
     count = len(shear[0]), len(volume[0])
-    mu, kappa = body.mu[0], body.kappa[0]
+    return _patched(body, _stacked(shear, volume),
+                    mu=np.repeat([body.mu[0], 0.0], count),
+                    kappa=np.repeat([0.0, body.kappa[0]], count),
+                    density=np.repeat([body.density[0], 0.0], count))
+
+
+def _patched(body, pieces, **moduli):
     own = {name: getattr(body, name) for name in body.__dataclass_fields__}
-    return PatchedBody(**own | {
-        'mu': np.repeat([mu, 0.0], count), 'kappa': np.repeat([0.0, kappa], count),
-        'density': np.repeat([body.density[0], 0.0], count)}, pieces=_stacked(shear, volume))
+    return PatchedBody(**own | moduli, pieces=pieces)
 
 
 def _stacked(*kinds):
     """ElementGeometry of pieces (connectivity, gradients, weights) of several kinds, padded.
 
-    What is added weighs nothing: nodes without gradient, quadrature points without weight.
+    What is added are nodes without gradient. All points are alike; moduli tell the kinds apart.
     """
     a = max(conn.shape[1] for conn, _, _ in kinds)
-    q = max(weights.shape[1] for _, _, weights in kinds)
-    conns, gradients, weights = [], [], []
-    for conn, gradient, weight in kinds:
-        nodes, points = a - conn.shape[1], q - weight.shape[1]
+    conns, gradients = [], []
+    for conn, gradient, _ in kinds:
+        nodes = a - conn.shape[1]
         conns.append(np.pad(conn, ((0, 0), (0, nodes)), mode='edge'))
-        padded = np.pad(gradient, ((0, 0), (0, points), (0, 0), (0, 0)), mode='edge')
-        gradients.append(np.pad(padded, ((0, 0), (0, 0), (0, nodes), (0, 0))))
-        weights.append(np.pad(weight, ((0, 0), (0, points))))
-    return ElementGeometry(np.concatenate(conns), np.concatenate(gradients),
-                           np.concatenate(weights), np.full((q, a), 1.0 / a), np.eye(a) / a)
-
-
-def _one_volume(mesh):
-    """Pieces for the isochoric part, as the quadratic element, and for volume, its centre."""
-    whole = quadratic_tet(mesh.nodes, mesh.connectivity)
-    slopes = shape_slopes(np.full((1, 4), 0.25), whole.connectivity.shape[1])
-    centre = np.einsum('qak,mkj->mqaj', slopes,
-                       np.linalg.inv(edge_matrices(mesh.nodes, mesh.tets)))
-    return ((whole.connectivity, whole.gradients, whole.weights),
-            (whole.connectivity, centre, whole.weights.sum(axis=1, keepdims=True)))
+        gradients.append(np.pad(gradient, ((0, 0), (0, 0), (0, nodes), (0, 0))))
+    weights = np.concatenate([weight for _, _, weight in kinds])
+    return ElementGeometry(np.concatenate(conns), np.concatenate(gradients), weights, weights,
+                           np.ones(len(weights)), np.full((1, a), 1.0 / a), np.eye(a) / a)
 
 
 def _smoothed(mesh):

@@ -112,6 +112,9 @@ class AdmmSolver:
     def __init__(self, body, options=None):
         if any(body.damping):
             raise ConfigError(f'admm: damping = {body.damping}; must be (0, 0), as (3.2) has none')
+        if body.beyond.any():
+            raise ConfigError('admm: the body has stiffening tissue or fibres; must be '
+                              'Neo-Hookean, as its local step is; use Newton')
         self.body = body
         self.options = AdmmOptions() if options is None else options
         self.assembler = Assembler(body)

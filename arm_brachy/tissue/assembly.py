@@ -8,6 +8,7 @@ from scipy.sparse import csr_array
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.tissue import kernels
 from arm_brachy.tissue.body import StepFields
+from arm_brachy.tissue.element import point_moduli
 
 
 class InvertedElement(ArmBrachyError):
@@ -50,7 +51,10 @@ class Assembler:
         m, a = conn.shape
         self._energy, self._J = np.zeros(m), np.zeros(m)
         self._force = np.zeros((m, a, 3))
-        self._stiffness = np.zeros((m, a, a, 3, 3))
+        self._stiffness = np.zeros((m, a * (a + 1) // 2, 3, 3))
+        shape = a, self.geometry.weights.shape[1]
+        self._element_forces = kernels.element_forces(*shape)
+        self._element_stiffness = kernels.element_stiffness(*shape)
 
     def _make_pattern(self, conn):
         """CSR pattern of 3 x 3 node blocks, and for each block the element blocks it sums."""
@@ -61,15 +65,13 @@ class Assembler:
         first = np.flatnonzero(np.diff(keys[order], prepend=-1))
         unique, count = keys[order[first]], len(keys) - self.n
         within = order < count
-        self._block_slots = order[within]
+        self._block_slots = _upper_slots(*conn.shape)[order[within]]
         self._block_start = np.concatenate([[0], np.cumsum(np.add.reduceat(within, first))])
         rows, cols = np.divmod(unique, self.n)
         self._row_blocks = np.searchsorted(rows, np.arange(self.n + 1))
-        self._constant = np.zeros((len(unique), 9))
-        springs = self.body.springs
-        at = np.searchsorted(unique, diagonal[springs.nodes])
-        self._constant[at] = springs.stiffness.reshape(-1, 9)
         self._indptr, self._indices = _expand(self._row_blocks, cols)
+        at = np.searchsorted(unique, diagonal[self.body.springs.nodes])
+        self._spring_entries = _entries(self._row_blocks, at, self.body.springs.nodes)
 
     def lumped_mass(self):
         """Return (n,) [kg]: tissue mass by `ElementGeometry.lumping`, plus nodal_mass."""
@@ -100,9 +102,8 @@ class Assembler:
         """
         fields = StepFields.of(self.body) if fields is None else fields
         x = np.ascontiguousarray(x, dtype=float)
-        g = self.geometry
-        kernels.element_forces(x, g.connectivity, g.gradients, g.weights, fields.mu, fields.kappa,
-                               fields.stress, self._energy, self._force, self._J)
+        self._element_forces(x, *self._integrands(fields, self.body.beyond), self._energy,
+                             self._force, self._J)
         forces = np.empty((self.n, 3))
         kernels.gather(self._node_start, self._node_slots, self._force.reshape(-1, 3), forces)
         u = x - self.body.mesh.nodes
@@ -113,6 +114,23 @@ class Assembler:
                   + 0.5 * np.sum(spring_force * u[self.body.springs.nodes]))
         worst = int(self._J.argmin())
         return Evaluation(float(energy), forces - load, float(self._J[worst]), worst)
+
+    def element_forces(self, x, fields, beyond):
+        """Return the forces (m, a, 3) [N] of every element alone, without springs and loads.
+
+        x, fields : as in `evaluate`;  beyond : (m, BEYOND) in place of the body's own
+        """
+        energy, force, J = (np.empty_like(v) for v in (self._energy, self._force, self._J))
+        self._element_forces(x, *self._integrands(fields, beyond), energy, force, J)
+        return force
+
+    def _integrands(self, fields, beyond):
+        """What the element loops integrate; a swollen body has a larger reference shape."""
+        g, grown = self.geometry, fields.swelling
+        G, w = g.gradients, g.point_weights
+        if grown != 1.0:
+            G, w = G / grown, w * grown**3
+        return g.connectivity, G, w, *point_moduli(g, fields), g.shear, beyond, fields.stress
 
     def _spring_forces(self, u):
         springs = self.body.springs
@@ -147,14 +165,13 @@ class Assembler:
         Every call returns the same pattern; the data array is fresh.
         """
         fields = StepFields.of(self.body) if fields is None else fields
-        g = self.geometry
-        kernels.element_stiffness(np.ascontiguousarray(x, dtype=float), g.connectivity,
-                                  g.gradients, g.weights, fields.mu, fields.kappa, fields.stress,
-                                  convex, self._stiffness)
+        self._element_stiffness(np.ascontiguousarray(x, dtype=float),
+                                *self._integrands(fields, self.body.beyond), convex,
+                                self._stiffness)
         data = np.empty(len(self._indices))
         kernels.scatter_blocks(self._block_start, self._block_slots,
-                               self._stiffness.reshape(-1, 9), self._row_blocks, self._constant,
-                               data)
+                               self._stiffness.reshape(-1, 9), self._row_blocks, data)
+        data[self._spring_entries] += self.body.springs.stiffness
         matrix = csr_array((data, self._indices, self._indptr), shape=(3 * self.n, 3 * self.n))
         matrix.has_canonical_format = True
         return matrix
@@ -165,10 +182,29 @@ class Assembler:
         return self._indptr, self._indices
 
 
+def _upper_slots(m, a):
+    """Where the kernels put each block (e, b, c) of m elements, as `kernels.scatter_blocks` reads.
+
+    (m a a,) in the order of e, b, c; blocks below the diagonal are mirror images.
+    """
+    b, c = np.triu_indices(a)
+    slot = np.empty((a, a), dtype=np.int64)
+    slot[b, c] = 2 * np.arange(len(b))
+    slot[c, b] = 2 * np.arange(len(b)) + (c > b)
+    return (2 * len(b) * np.arange(m)[:, None] + slot.ravel()).ravel()
+
+
 def _grouped(labels, count):
     """Slots sorted by label, order kept within: (start (count + 1,), slots (k,))."""
     slots = np.argsort(labels, kind='stable')
     return np.searchsorted(labels[slots], np.arange(count + 1)), slots
+
+
+def _entries(row_blocks, blocks, rows):
+    """Where the 3 x 3 entries of some blocks (k,), in these rows of blocks, lie: (k, 3, 3)."""
+    first, width = row_blocks[rows], 3 * (row_blocks[rows + 1] - row_blocks[rows])
+    corner = 9 * first + 3 * (blocks - first)
+    return (corner[:, None, None] + width[:, None, None] * np.arange(3)[:, None] + np.arange(3))
 
 
 def _expand(row_blocks, cols):

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from arm_brachy.tissue.element import element_geometry
+from arm_brachy.tissue.material import BEYOND
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,18 @@ NO_SPRINGS = Springs(np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3)))
 
 
 @dataclass(frozen=True)
+class Fibres:
+    """Fibres that reinforce the tissue.
+
+    modulus : (m,) [Pa] k of `material`; four times it is their Young's modulus at small strain
+    direction : (m, 3) unit vectors at rest
+    """
+
+    modulus: np.ndarray
+    direction: np.ndarray
+
+
+@dataclass(frozen=True)
 class SoftBody:
     """A body to solve for: mesh, material per element, supports, loads.
 
@@ -85,6 +98,8 @@ class SoftBody:
     springs : ground springs (base compliance)
     gravity : (3,) [m/s^2];  nodal_force : (n, 3) dead loads [N]
     nodal_mass : (n,) lumped masses carried besides the tissue's own [kg]; gravity acts on them too
+    stiffening : (m,) [Pa] Yeoh's second constant, None = 0;  fibres : Fibres or None; both go
+        beyond the Neo-Hookean law (`material`)
     damping : (alpha [1/s], beta [s]) of alpha M plus a Kelvin-Voigt stress, dynamics only; at rest
         alpha M + beta K, which is Rayleigh damping (`viscosity.viscous_stress`)
     """
@@ -100,11 +115,23 @@ class SoftBody:
     nodal_force: np.ndarray | None = None
     nodal_mass: np.ndarray | None = None
     damping: tuple = (0.0, 0.0)
+    stiffening: np.ndarray | None = None
+    fibres: Fibres | None = None
+
+    @cached_property
+    def beyond(self):
+        """(m, BEYOND) how each element's law departs from Neo-Hooke, as `material` takes it."""
+        table = np.zeros((len(self.mu), BEYOND))
+        if self.stiffening is not None:
+            table[:, 0] = self.stiffening
+        if self.fibres is not None:
+            table[:, 1], table[:, 2:] = self.fibres.modulus, self.fibres.direction
+        return table
 
     @cached_property
     def geometry(self):
         """ElementGeometry of the mesh: linear or quadratic tetrahedra, as it has midside nodes."""
-        return element_geometry(self.mesh)
+        return element_geometry(self.mesh, self.mu, self.kappa)
 
     @property
     def pad_names(self):
@@ -118,14 +145,16 @@ class StepFields:
 
     mu, kappa : (m,) [Pa] moduli in force during the step
     stress : (m, q, 3, 3) [Pa] symmetric second Piola-Kirchhoff stress added to the elastic one at
-        the element's quadrature points
+        the element's quadrature points, each with its `ElementGeometry.point_weights`
     nodal_force : (n, 3) [N]
+    swelling : stretch by which every fibre of the stress-free body has grown
     """
 
     mu: np.ndarray
     kappa: np.ndarray
     stress: np.ndarray
     nodal_force: np.ndarray
+    swelling: float = 1.0
 
     @classmethod
     def of(cls, body):

@@ -28,6 +28,7 @@ from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import StepFields
+from arm_brachy.tissue.element import point_moduli
 from arm_brachy.tissue.free_dofs import FreeDofs, held_nodes
 from arm_brachy.tissue.linear_solver import FactorisationFailed
 from arm_brachy.tissue.mass import node_mass, onto
@@ -296,8 +297,8 @@ class DynamicSolver:
     def _viscous(self, x, v, fields):
         """Second Piola-Kirchhoff stress (m, q, 3, 3) of the fields and of the strain's rate."""
         g, stress = self._assembler.geometry, np.empty_like(fields.stress)
-        viscous_stress(x, v, g.connectivity, g.gradients, self._beta * fields.mu,
-                       self._beta * fields.kappa, fields.stress, stress)
+        viscous_stress(x, v, g.connectivity, g.gradients, *(
+            self._beta * modulus for modulus in point_moduli(g, fields)), fields.stress, stress)
         return stress
 
     def _correction(self, residual, turn):

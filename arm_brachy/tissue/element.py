@@ -5,17 +5,23 @@ their numbers; another element is another function that returns one. Two are her
 
 linear     4 nodes, one quadrature point. The thesis' element. It locks: near nu = 0.5 every one
            must keep its volume, which leaves too few ways to deform.
-quadratic  4 corners and 6 mid-edge nodes, 4 quadrature points (exact to degree 2). Its volume is
-           checked at 4 points, as many constraints as unknowns in a fine mesh: on a solution that
-           does not change with nu its error grows by 1.06 from nu = 0.3 to 0.49, by 1.4 to 0.499
-           and by 2.6 to 0.4999, where the order falls by up to one (verification/test_elements).
-           Edges are straight at rest: curved surfaces are met to second order.
+quadratic  4 corners and 6 mid-edge nodes, 4 quadrature points (exact to degree 2). Of the bulk
+           modulus, SPREAD mu acts at all of them; what it has beyond that, and without limit near
+           nu = 0.5, on the volume change at the centre alone: one constraint an element, so that
+           it does not lock (selective reduced integration, equivalent to one pressure an element:
+           Malkus & Hughes 1978, Comput Methods Appl Mech Eng 15:63). Edges are straight at rest:
+           curved surfaces are met to second order.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+# kappa / mu at nu = 0.3: up to there the quadratic element is integrated in full. More would bring
+# locking back (reaction of a pushed dome, nu = 0.49: +4 %; kappa / mu at 0.4: +6 %; all of it:
+# +13 %), less would bend too easily (cantilever, two cells across: +1.1 %; 2/3: +2.4 %).
+SPREAD = 13.0 / 6.0
 # Local nodes of the four faces, ordered so that the normal points out of a positive element.
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
@@ -24,6 +30,7 @@ EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 _SLOPE = np.vstack([-np.ones(3), np.eye(3)])
 # Four points of degree 2: Hammer, Marlowe & Stroud 1956, Math. Tables Aids Comput. 10:130.
 _NEAR, _FAR = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
+_CENTRE = np.full((1, 4), 0.25)
 _POINTS = np.full((4, 4), _FAR) + (_NEAR - _FAR) * np.eye(4)
 
 
@@ -33,7 +40,11 @@ class ElementGeometry:
 
     connectivity : (m, a) node indices of each element
     gradients : (m, q, a, 3) [1/m] shape gradients dN/dX at the quadrature points
-    weights : (m, q) [m^3] quadrature weight times Jacobian determinant; rows sum to the volume
+    weights : (m, q) [m^3] quadrature weight times Jacobian determinant; rows sum to the volume,
+        zero at points that carry volume change only
+    point_weights : (m, q) [m^3] the same, for what such points carry too
+    spread : (m,) share of the bulk modulus that acts at all points with a share in `weights`; the
+        rest acts where there is none
     shape : (q, a) values of the shape functions at the quadrature points
     mass : (a, a) mean of N_a N_b over an element: consistent mass per unit of element mass
     """
@@ -41,8 +52,15 @@ class ElementGeometry:
     connectivity: np.ndarray
     gradients: np.ndarray
     weights: np.ndarray
+    point_weights: np.ndarray
+    spread: np.ndarray
     shape: np.ndarray
     mass: np.ndarray
+
+    @cached_property
+    def shear(self):
+        """(q,) 1 where a point carries the isochoric energy, else 0."""
+        return (self.weights[0] > 0.0).astype(float)
 
     @property
     def lumping(self):
@@ -52,6 +70,17 @@ class ElementGeometry:
         the corners of quadratic tetrahedra negative mass.
         """
         return np.diag(self.mass) / np.trace(self.mass)
+
+
+def point_moduli(geometry, fields):
+    """Return (mu, kappa), each (m, q) [Pa]: the moduli with which each point acts.
+
+    geometry : ElementGeometry;  fields : StepFields. Linear in the moduli of the fields.
+    """
+    at_all = geometry.spread * fields.kappa
+    return (np.outer(fields.mu, geometry.shear),
+            np.outer(at_all, geometry.shear) + np.outer(fields.kappa - at_all,
+                                                        1.0 - geometry.shear))
 
 
 def edge_matrices(nodes, tets):
@@ -70,38 +99,45 @@ def signed_volumes(nodes, tets):
     return np.linalg.det(edge_matrices(nodes, tets)) / 6.0
 
 
-def element_geometry(mesh):
-    """Return the ElementGeometry of a TetMesh, quadratic if it has midside nodes."""
+def element_geometry(mesh, mu, kappa):
+    """Return the ElementGeometry of a TetMesh, quadratic if it has midside nodes.
+
+    mu, kappa : (m,) [Pa], for how much of the bulk modulus is not spread
+    """
     if mesh.midside is None:
         return linear_tet(mesh.nodes, mesh.tets)
-    return quadratic_tet(mesh.nodes, mesh.connectivity)
+    return quadratic_tet(mesh.nodes, mesh.connectivity, np.minimum(1.0, SPREAD * mu / kappa))
 
 
 def linear_tet(nodes, tets):
-    """Return the ElementGeometry of constant-strain tetrahedra (one quadrature point).
+    """Return the ElementGeometry of constant-strain tetrahedra (one quadrature point for all).
 
     nodes : (n, 3) [m];  tets : (m, 4), positively oriented, none degenerate
     Valid for compressible material: near incompressibility (nu > 0.4) these elements lock.
     """
-    return _geometry(nodes, tets, np.full((1, 4), 0.25), (1.0 + np.eye(4)) / 20.0)
+    return _geometry(nodes, tets, _CENTRE, np.ones(1), np.ones(len(tets)),
+                     (1.0 + np.eye(4)) / 20.0)
 
 
-def quadratic_tet(nodes, tets):
-    """Return the ElementGeometry of quadratic tetrahedra (four quadrature points).
+def quadratic_tet(nodes, tets, spread):
+    """Return the ElementGeometry of quadratic tetrahedra (four quadrature points and the centre).
 
     nodes : (n, 3) [m];  tets : (m, 10), corners then the middles of EDGES, edges straight at rest
+    spread : (m,) as in ElementGeometry; ones integrate everything in full
     """
-    return _geometry(nodes, tets, _POINTS, _quadratic_mass())
+    return _geometry(nodes, tets, np.vstack([_POINTS, _CENTRE]), np.array([0.25] * 4 + [0.0]),
+                     spread, _quadratic_mass())
 
 
-def _geometry(nodes, tets, points, mass):
+def _geometry(nodes, tets, points, share, spread, mass):
+    """ElementGeometry with points (q, 4) that carry these shares (q,) of an element's volume."""
     inverse = np.linalg.inv(edge_matrices(nodes, tets[:, :4]))
     slopes = shape_slopes(points, tets.shape[1])
     gradients = np.einsum('qak,mkj->mqaj', slopes, inverse)
     volumes = signed_volumes(nodes, tets[:, :4])
-    weights = np.repeat(volumes[:, None] / len(points), len(points), axis=1)
     return ElementGeometry(np.ascontiguousarray(tets, dtype=np.int64),
-                           np.ascontiguousarray(gradients), weights,
+                           np.ascontiguousarray(gradients), np.outer(volumes, share),
+                           np.outer(volumes, np.where(share > 0.0, share, 1.0)), spread,
                            shape_values(points, tets.shape[1]), mass)
 
 

@@ -17,8 +17,9 @@ import numpy as np
 from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.spatial import cKDTree
 
-from arm_brachy.core.errors import InputError
+from arm_brachy.core.errors import ConfigError, InputError
 from arm_brachy.tissue.body import StepFields
+from arm_brachy.tissue.element import point_moduli
 from arm_brachy.tissue.jacobian import Linearisation
 from arm_brachy.tissue.newton import StaticSolver
 from arm_brachy.tissue.reduced import ReducedSolver
@@ -85,6 +86,9 @@ class Galerkin:
     """
 
     def __init__(self, body, data, modes, exact_at_rest):
+        if body.beyond.any():
+            raise ConfigError('reduced model: the body has stiffening tissue or fibres; must be '
+                              'Neo-Hookean; use the full solver')
         self.exact_at_rest = exact_at_rest
         self.body, self.reference = body, data.reference
         self._at_rest = Linearisation(StaticSolver(body), data.reference)
@@ -93,6 +97,8 @@ class Galerkin:
         missed = (data.x - data.reference).reshape(-1, 3 * n) - _flat(data) @ lifts.T
         self.basis = np.hstack([lifts, self._pod(missed.T, modes)]).reshape(n, 3, -1)
         self._geometry, self._fields = body.geometry, StepFields.of(body)
+        self._weights = body.geometry.point_weights
+        self._mu, self._kappa = point_moduli(body.geometry, self._fields)
 
     def _pod(self, u, count):
         """(3n, count) modes of the columns of u, orthonormal in K, by the method of snapshots."""
@@ -122,14 +128,14 @@ class Galerkin:
         domain, truncation, misfit : as in ReducedModel;  points (s,) : element * q + point;
         factors (s,) : on their quadrature weights
         """
-        q = self._geometry.weights.shape[1]
-        points = np.arange(self._geometry.weights.size) if points is None else points
+        q = self._weights.shape[1]
+        points = np.arange(self._weights.size) if points is None else points
         factors = np.ones(len(points)) if factors is None else factors
         at = points // q, points % q
         F0, B = self._gradients(*at)
         flat = B.reshape(-1, B.shape[2])
-        fields, weights = self._fields, factors * self._geometry.weights[at]
-        mu, kappa, S = fields.mu[at[0]], fields.kappa[at[0]], fields.stress[at]
+        weights = factors * self._weights[at]
+        mu, kappa, S = self._mu[at], self._kappa[at], self._fields.stress[at]
         P0 = point_stress(F0, mu, kappa, S)
         linear, quadratic = self._linear(), self._springs()
         if self.exact_at_rest:
@@ -169,7 +175,7 @@ class Galerkin:
         factor of the pads' stiffness, so that errors of all rows weigh the same energy.
         """
         h, w = 3 * len(self.body.pads), self.basis.shape[2]
-        m, q = self._geometry.weights.shape
+        m, q = self._weights.shape
         out = np.empty((len(y), w, m, q))
         for start in range(0, m, CHUNK):
             part = slice(start, min(m, start + CHUNK))
@@ -186,20 +192,20 @@ class Galerkin:
     def _chunk_shares(self, y, elements, quadrature):
         """(states, w, points) of some points."""
         F0, B = self._gradients(elements, quadrature)
-        mu, kappa = self._fields.mu[elements], self._fields.kappa[elements]
-        S = self._fields.stress[elements, quadrature]
+        at = elements, quadrature
+        mu, kappa, S = self._mu[at], self._kappa[at], self._fields.stress[at]
         F = F0 + np.einsum('skw,tw->tsk', B, y, optimize=True).reshape(len(y), -1, 3, 3)
         P = point_stress(F, mu, kappa, S) - point_stress(F0, mu, kappa, S)
         if self.exact_at_rest:
             A = material_tangents(F0, mu, kappa, S)
             P -= np.einsum('skl,tsl->tsk', A, (F - F0).reshape(len(y), -1, 9),
                            optimize=True).reshape(P.shape)
-        P *= self._geometry.weights[elements, quadrature][:, None, None]
+        P *= self._weights[at][:, None, None]
         return np.matmul(P.reshape(len(y), -1, 9).swapaxes(0, 1), B).transpose(1, 2, 0)
 
     def upright(self, y):
         """Return (states,) booleans: no quadrature point of the body is inverted at y."""
-        m, q = self._geometry.weights.shape
+        m, q = self._weights.shape
         good = np.ones(len(y), dtype=bool)
         for start in range(0, m, CHUNK):
             at = np.divmod(np.arange(start * q, min(m, start + CHUNK) * q), q)

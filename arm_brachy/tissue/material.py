@@ -1,12 +1,21 @@
-"""Compressible Neo-Hookean law (3.18): energy, stress and tangent, in NumPy and in numba.
+"""Hyperelastic law: energy, stress and tangent, in NumPy and in numba.
 
-Psi = mu/2 (J^(-2/3) I1 - 3) + kappa/2 (J - 1)^2,   J = det F,   I1 = tr(F' F).
-Printed with J = I3 / 2, which would leave stress in the rest state; J = sqrt(I3) = det F here.
+Psi = mu/2 (Ib - 3) + c (Ib - 3)^2 + k/2 (I4 - 1)^2 + kappa/2 (J - 1)^2,
+J = det F,  Ib = J^(-2/3) tr(F' F),  I4 = |F a0|^2.
+
+With c = k = 0 this is the compressible Neo-Hookean law (3.18), printed there with J = I3 / 2,
+which would leave stress in the rest state; J = sqrt(I3) = det F here. c: second term of Yeoh 1993,
+Rubber Chem Technol 66:754. k: standard fibre reinforcement in I4 itself, not its isochoric part,
+which would give the wrong volume change under tension (Helfenstein et al. 2010, Int J Solids
+Struct 47:2056); the fibres resist shortening as they resist stretch.
 The NumPy functions are the readable reference; the kernels below them do the work.
 """
 
 import numpy as np
 from numba import njit
+
+BEYOND = 5  # numbers that say how a law departs from Neo-Hooke: c, k [Pa], a0 (3,)
+NEO_HOOKE = np.zeros(BEYOND)
 
 
 def moduli(E, nu):
@@ -14,32 +23,48 @@ def moduli(E, nu):
     return E / (2.0 * (1.0 + nu)), E / (3.0 * (1.0 - 2.0 * nu))
 
 
-def energy(F, mu, kappa):
-    """Return the stored energy per reference volume [J/m^3], (3.18).
+def energy(F, mu, kappa, beyond=NEO_HOOKE):
+    """Return the stored energy per reference volume [J/m^3], (3.18) and what goes beyond it.
 
-    F : (..., 3, 3), det F > 0;  mu, kappa : scalars or (...,) [Pa]
+    F : (..., 3, 3), det F > 0;  mu, kappa : scalars or (...,) [Pa];  beyond : (..., BEYOND)
     """
-    J = np.linalg.det(F)
-    I1 = np.sum(F * F, axis=(-2, -1))
-    return 0.5 * mu * (J ** (-2.0 / 3.0) * I1 - 3.0) + 0.5 * kappa * (J - 1.0) ** 2
+    J, excess, beyond = np.linalg.det(F), _isochoric_invariant(F) - 3.0, np.asarray(beyond)
+    along = np.sum(_fibre(F, beyond) ** 2, axis=-1)
+    return (0.5 * mu * excess + beyond[..., 0] * excess**2
+            + 0.5 * beyond[..., 1] * (along - 1.0) ** 2 + 0.5 * kappa * (J - 1.0) ** 2)
 
 
-def stress(F, mu, kappa):
+def stress(F, mu, kappa, beyond=NEO_HOOKE):
     """Return the first Piola-Kirchhoff stress P = dPsi/dF (..., 3, 3) [Pa].
 
-    F : (..., 3, 3), det F > 0;  mu, kappa : scalars or (...,) [Pa]
+    F : (..., 3, 3), det F > 0;  mu, kappa : scalars or (...,) [Pa];  beyond : (..., BEYOND)
     """
-    J = np.linalg.det(F)[..., None, None]
+    J, beyond = np.linalg.det(F)[..., None, None], np.asarray(beyond)
     I1 = np.sum(F * F, axis=(-2, -1))[..., None, None]
-    mu, kappa = np.asarray(mu)[..., None, None], np.asarray(kappa)[..., None, None]
+    stiffened = mu + 4.0 * beyond[..., 0] * (_isochoric_invariant(F) - 3.0)
     inv_T = np.swapaxes(np.linalg.inv(F), -1, -2)
-    return mu * J ** (-2.0 / 3.0) * (F - I1 / 3.0 * inv_T) + kappa * J * (J - 1.0) * inv_T
+    d = _fibre(F, beyond)
+    pull = 2.0 * beyond[..., 1] * (np.sum(d * d, axis=-1) - 1.0)
+    return (np.asarray(stiffened)[..., None, None] * J ** (-2.0 / 3.0) * (F - I1 / 3.0 * inv_T)
+            + np.asarray(kappa)[..., None, None] * J * (J - 1.0) * inv_T
+            + pull[..., None, None] * d[..., :, None] * beyond[..., None, 2:])
+
+
+def _isochoric_invariant(F):
+    """J^(-2/3) tr(F' F) of F (..., 3, 3)."""
+    return np.linalg.det(F) ** (-2.0 / 3.0) * np.sum(F * F, axis=(-2, -1))
+
+
+def _fibre(F, beyond):
+    """Fibres F a0 (..., 3); unit vectors wherever there are none."""
+    none = beyond[..., 1, None] == 0.0
+    return np.where(none, [1.0, 0.0, 0.0], np.einsum('...ij,...j->...i', F, beyond[..., 2:]))
 
 
 def tangent(F, mu, kappa):
-    """Return A = dvec(P)/dvec(F) (9, 9) [Pa], vec column by column: entry 3 K + i is F_iK.
+    """Return A = dvec(P)/dvec(F) (9, 9) [Pa] of the Neo-Hookean law, vec column by column.
 
-    F : (3, 3), det F > 0;  mu, kappa : [Pa]
+    F : (3, 3), det F > 0;  mu, kappa : [Pa].  Entry 3 K + i of vec is F_iK.
     The bracket of (3.24) with four slips of the print put right: the coefficient of the identity
     is mu (not mu/3), the last kappa term is positive, the 4 mu/3 term is split so that A is
     symmetric, and J = det F. The printed form disagrees with finite differences of the stress.
@@ -53,6 +78,10 @@ def tangent(F, mu, kappa):
             + (scale * I1 / 3.0 - kappa * J * (J - 1.0)) * swap @ np.kron(inv_T, inv_T.T)
             - 2.0 / 3.0 * scale * (np.outer(g, f) + np.outer(f, g))
             + (2.0 / 9.0 * scale * I1 + kappa * J * (2.0 * J - 1.0)) * np.outer(g, g))
+
+
+# Multiply-add in one rounding: the results stay the same from run to run.
+FUSED = {'contract'}
 
 
 @njit(cache=True, error_model='numpy')
@@ -71,69 +100,81 @@ def inverse_transpose(F, out):
     return J
 
 
-@njit(cache=True, error_model='numpy')
-def stress_kernel(F, inv_T, J, I1, mu, kappa, S, P):
-    """Twin of `energy` and `stress`: write P(F) + F S (3, 3) [Pa] into `P`.
+@njit(cache=True, error_model='numpy', fastmath=FUSED)
+def stress_kernel(F, inv_T, J, I1, mu, kappa, shear, beyond, w, S, P):
+    """Twin of `energy` and `stress`: write w (P(F) + F S) (3, 3) into `P`.
 
-    inv_T, J : from `inverse_transpose`, J > 0;  I1 : tr(F' F)
+    inv_T, J : from `inverse_transpose`, J > 0;  I1 : tr(F' F);  w : [m^3] weight of the point
+    shear : 0 switches `beyond` (BEYOND,) off, 1 leaves it
     S : (3, 3) added second Piola-Kirchhoff stress [Pa], held fixed
-    Returns Psi(F) + S : E [J/m^3], E = (F' F - I) / 2.
+    Returns the energy [J], S : E with E = (F' F - I) / 2 included.
     """
-    scale = mu * np.cbrt(J) ** -2
-    pressure = kappa * J * (J - 1.0) - scale * I1 / 3.0
-    added = -S[0, 0] - S[1, 1] - S[2, 2]
+    root = np.cbrt(J) ** -2
+    excess, c, k4 = root * I1 - 3.0, shear * beyond[0], shear * beyond[1]
+    scale = w * (mu + 4.0 * c * excess) * root
+    pressure = w * kappa * J * (J - 1.0) - scale * I1 / 3.0
+    added = w * (-S[0, 0] - S[1, 1] - S[2, 2])
     for i in range(3):
         for k in range(3):
-            FS = F[i, 0] * S[0, k] + F[i, 1] * S[1, k] + F[i, 2] * S[2, k]
+            FS = w * (F[i, 0] * S[0, k] + F[i, 1] * S[1, k] + F[i, 2] * S[2, k])
             added += F[i, k] * FS
             P[i, k] = scale * F[i, k] + pressure * inv_T[i, k] + FS
-    return 0.5 * (scale * I1 - 3.0 * mu + kappa * (J - 1.0) ** 2 + added)
+    stored = w * ((mu + 2.0 * c * excess) * excess + kappa * (J - 1.0) ** 2)
+    if k4 != 0.0:
+        stretch = _along(F, beyond) - 1.0
+        stored += w * k4 * stretch**2
+        pull = 2.0 * w * k4 * stretch
+        for i in range(3):
+            d = F[i, 0] * beyond[2] + F[i, 1] * beyond[3] + F[i, 2] * beyond[4]
+            for k in range(3):
+                P[i, k] += pull * d * beyond[2 + k]
+    return 0.5 * (stored + added)
 
 
-@njit(cache=True, error_model='numpy')
-def stiffness_kernel(G, F, inv_T, J, I1, mu, kappa, S, weight, convex, work, out):
-    """Twin of `tangent`, contracted with shape gradients: add to the element stiffness.
+@njit(cache=True, error_model='numpy', fastmath=FUSED)
+def _along(F, beyond):
+    """I4 = |F a0|^2."""
+    total = 0.0
+    for i in range(3):
+        d = F[i, 0] * beyond[2] + F[i, 1] * beyond[3] + F[i, 2] * beyond[4]
+        total += d * d
+    return total
 
-    G : (a, 3) shape gradients [1/m];  weight : [m^3];  S : (3, 3) as in `stress_kernel`
+
+@njit(cache=True, error_model='numpy', fastmath=FUSED)
+def tangent_vectors(G, F, inv_T, J, I1, mu, kappa, shear, beyond, w, S, convex, out):
+    """Twin of `tangent`, contracted with shape gradients G (a, 3): what element stiffness sums.
+
+    The derivative of force a by node b is, with g = F^-T G, h = F G and f = (G . a0) F a0,
+        swap (g_b g_a') + g_a right_b' + h_a left_b' + bundle f_a f_b' + (G_a . load_b) I
+    shear, w, S : as in `stress_kernel`
     convex : leave out the volumetric pressure's geometric part, kappa J (J - 1) d2J/dF2, which is
         indefinite and large where J is far from 1 (Gauss-Newton of kappa/2 (J - 1)^2)
-    work : (5, a, 3) work space
-    out : (a, a, 3, 3) [N/m], out[a, b, i, j] += d force_ai / d x_bj for b >= a only
-    With g = F^-T G and h = F G a block is a sum of three dyads and a multiple of the identity:
-        (c_swap g_b) g_a' + g_a (c_outer g_b + c_mixed h_b)' + (c_mixed h_a) g_b' + d_ab I
+    out : (6, 3a), written: g, h, right, left, load, f, node by node
+    Returns (swap, bundle) [N m].
     """
-    scale = mu * np.cbrt(J) ** -2
-    pressure = 0.0 if convex else kappa * (J - 1.0)
-    c_swap = weight * (scale * I1 / 3.0 - pressure * J)
-    c_mixed = weight * -2.0 / 3.0 * scale
-    c_outer = weight * (2.0 / 9.0 * scale * I1 + (kappa * J + pressure) * J)
-    g, swapped, right, left, load = work
+    root, c, k4 = np.cbrt(J) ** -2, shear * beyond[0], shear * beyond[1]
+    scale = w * (mu + 4.0 * c * (root * I1 - 3.0)) * root
+    c_hh = 8.0 * w * c * root * root  # second derivative by the invariant
+    pressure = 0.0 if convex else w * kappa * (J - 1.0)
+    c_gh = -2.0 / 3.0 * scale - c_hh * I1 / 3.0
+    c_gg = 2.0 / 9.0 * scale * I1 + (w * kappa * J + pressure) * J + c_hh * I1 * I1 / 9.0
+    pull, d0, d1, d2 = 0.0, 0.0, 0.0, 0.0
+    if k4 != 0.0:
+        pull = 2.0 * w * k4 * (_along(F, beyond) - 1.0)
+        d0 = F[0, 0] * beyond[2] + F[0, 1] * beyond[3] + F[0, 2] * beyond[4]
+        d1 = F[1, 0] * beyond[2] + F[1, 1] * beyond[3] + F[1, 2] * beyond[4]
+        d2 = F[2, 0] * beyond[2] + F[2, 1] * beyond[3] + F[2, 2] * beyond[4]
     for a in range(G.shape[0]):
+        along = G[a, 0] * beyond[2] + G[a, 1] * beyond[3] + G[a, 2] * beyond[4]
+        out[5, 3 * a], out[5, 3 * a + 1], out[5, 3 * a + 2] = along * d0, along * d1, along * d2
         for i in range(3):
-            g[a, i] = inv_T[i, 0] * G[a, 0] + inv_T[i, 1] * G[a, 1] + inv_T[i, 2] * G[a, 2]
+            at = 3 * a + i
+            g = inv_T[i, 0] * G[a, 0] + inv_T[i, 1] * G[a, 1] + inv_T[i, 2] * G[a, 2]
             h = F[i, 0] * G[a, 0] + F[i, 1] * G[a, 1] + F[i, 2] * G[a, 2]
-            swapped[a, i] = c_swap * g[a, i]
-            left[a, i] = c_mixed * h
-            right[a, i] = c_outer * g[a, i] + c_mixed * h
-            load[a, i] = weight * (scale * G[a, i] + S[i, 0] * G[a, 0] + S[i, 1] * G[a, 1]
-                                   + S[i, 2] * G[a, 2])
-    for a in range(G.shape[0]):
-        for b in range(a, G.shape[0]):
-            for i in range(3):
-                for j in range(3):
-                    out[a, b, i, j] += (swapped[b, i] * g[a, j] + g[a, i] * right[b, j]
-                                        + left[a, i] * g[b, j])
-            d = G[a, 0] * load[b, 0] + G[a, 1] * load[b, 1] + G[a, 2] * load[b, 2]
-            out[a, b, 0, 0] += d
-            out[a, b, 1, 1] += d
-            out[a, b, 2, 2] += d
-
-
-@njit(cache=True, error_model='numpy')
-def mirror_blocks(out):
-    """Fill the lower blocks of a symmetric element matrix (a, a, 3, 3) from the upper ones."""
-    for a in range(out.shape[0]):
-        for b in range(a + 1, out.shape[0]):
-            for i in range(3):
-                for j in range(3):
-                    out[b, a, j, i] = out[a, b, i, j]
+            out[0, at], out[1, at] = g, h
+            out[2, at] = c_gg * g + c_gh * h
+            out[3, at] = c_gh * g + c_hh * h
+            out[4, at] = (scale * G[a, i] + pull * along * beyond[2 + i]
+                          + w * (S[i, 0] * G[a, 0] + S[i, 1] * G[a, 1] + S[i, 2] * G[a, 2]))
+    return scale * I1 / 3.0 - pressure * J, 4.0 * w * k4

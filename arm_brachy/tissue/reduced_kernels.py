@@ -12,12 +12,13 @@ from numba import njit
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from arm_brachy.core.errors import NotConverged
+from arm_brachy.tissue.kernels import add_dyads, write_blocks
 from arm_brachy.tissue.material import (
+    NEO_HOOKE,
     inverse_transpose,
-    mirror_blocks,
-    stiffness_kernel,
     stress,
     stress_kernel,
+    tangent_vectors,
 )
 
 
@@ -51,9 +52,10 @@ def potential(F, B, weights, mu, kappa, S, gradient):
         I1 = 0.0
         for i in range(9):
             I1 += F[s, i] * F[s, i]
-        energy += weights[s] * stress_kernel(Fs, inv_T, J, I1, mu[s], kappa[s], S[s], P)
+        energy += stress_kernel(Fs, inv_T, J, I1, mu[s], kappa[s], 0.0, NEO_HOOKE, weights[s],
+                                S[s], P)
         for i in range(9):
-            pull, row = weights[s] * P[i // 3, i % 3], B[9 * s + i]
+            pull, row = P[i // 3, i % 3], B[9 * s + i]
             for j in range(gradient.shape[0]):
                 gradient[j] += pull * row[j]
     return energy, min_J
@@ -63,24 +65,32 @@ def potential(F, B, weights, mu, kappa, S, gradient):
 def stiffen(F, B, weights, mu, kappa, S, convex, AB):
     """Write weight (dP/dF) B into `AB` (9s, c); every J must be positive.
 
-    B : (9s, c), any columns of it;  convex : as in `material.stiffness_kernel`
+    B : (9s, c), any columns of it;  convex : as in `material.tangent_vectors`
     B' AB (`project`) is the tangent. The kernel of (3.24), given unit vectors for shape gradients,
-    is dP/dF itself: its block [K, L, i, j] is d P_iK / d F_jL.
+    is dP/dF itself: its block (K, L) has the entries d P_iK / d F_jL.
     """
-    unit, inv_T, work = np.eye(3), np.empty((3, 3)), np.empty((5, 3, 3))
-    A = np.empty((3, 3, 3, 3))
+    unit, inv_T, vectors = np.eye(3), np.empty((3, 3)), np.empty((1, 6, 9))
+    sums, blocks, A = np.empty((2, 9, 9)), np.empty((6, 3, 3)), np.empty((9, 9))
+    swap, bundle = np.empty(1), np.empty(1)
     for s in range(weights.shape[0]):
         Fs = F[s].reshape(3, 3)
         J = inverse_transpose(Fs, inv_T)
         I1 = 0.0
         for i in range(9):
             I1 += F[s, i] * F[s, i]
-        A[:] = 0.0
-        stiffness_kernel(unit, Fs, inv_T, J, I1, mu[s], kappa[s], S[s], weights[s], convex, work,
-                         A)
-        mirror_blocks(A)
+        swap[0], bundle[0] = tangent_vectors(unit, Fs, inv_T, J, I1, mu[s], kappa[s], 0.0,
+                                             NEO_HOOKE, weights[s], S[s], convex, vectors[0])
+        add_dyads(3, 1, vectors, swap, bundle, sums)
+        write_blocks(3, 1, unit.reshape(1, 3, 3), vectors, sums, blocks)
+        block = 0
+        for K in range(3):
+            for L in range(K, 3):
+                for i in range(3):
+                    for j in range(3):
+                        A[3 * i + K, 3 * j + L] = A[3 * j + L, 3 * i + K] = blocks[block, i, j]
+                block += 1
         for p in range(9):
-            _combine(A[p % 3, :, p // 3, :].T, B[9 * s:9 * s + 9], AB[9 * s + p])
+            _combine(A[p].reshape(3, 3), B[9 * s:9 * s + 9], AB[9 * s + p])
 
 
 @njit(cache=True, error_model='numpy')

@@ -7,14 +7,14 @@ these at the same x, without differencing. The adjoint turns the product round: 
 one scalar for all parameters costs one back-solve.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import LinearOperator
 
 from arm_brachy.core.errors import InputError
-from arm_brachy.tissue import kernels
+from arm_brachy.tissue.material import BEYOND
 
 
 @dataclass(frozen=True)
@@ -259,14 +259,11 @@ def _load_change(linearisation, change):
 
 
 def _element_forces(linearisation, mu, kappa, stress=None):
-    """Forces (m, a, 3) of every element alone; the only use of the kernels and of stress."""
-    geometry = linearisation.solver.assembler.geometry
-    m, a = geometry.connectivity.shape
-    stress = _checked('stress', stress, linearisation.fields.stress.shape)
-    force, energy, J = np.empty((m, a, 3)), np.empty(m), np.empty(m)
-    kernels.element_forces(linearisation.x, geometry.connectivity, geometry.gradients,
-                           geometry.weights, mu, kappa, stress, energy, force, J)
-    return force
+    """Forces (m, a, 3) of every element alone, by these moduli and this stress, nothing else."""
+    assembler, fields = linearisation.solver.assembler, linearisation.fields
+    stress = _checked('stress', stress, fields.stress.shape)
+    only = replace(fields, mu=mu, kappa=kappa, stress=stress)
+    return assembler.element_forces(linearisation.x, only, np.zeros((len(mu), BEYOND)))
 
 
 def _nodal(assembler, parts):

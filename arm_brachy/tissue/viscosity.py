@@ -12,7 +12,7 @@ def viscous_stress(x, v, conn, G, shear, bulk, before, out):
     """Write `before` (m, q, 3, 3) plus 2 shear dev E' + bulk J' J C^-1 into `out`.
 
     x, v : (n, 3) positions, velocities;  conn : (m, a);  G : (m, q, a, 3) shape gradients
-    shear, bulk : (m,) [Pa s] viscosities. Of no use where det F <= 0.
+    shear, bulk : (m, q) [Pa s] viscosities. Of no use where det F <= 0.
     """
     m = conn.shape[0]
     for chunk in prange((m + CHUNK - 1) // CHUNK):
@@ -33,6 +33,6 @@ def viscous_stress(x, v, conn, G, shear, bulk, before, out):
                         for k in range(3):
                             twice_rate += F[k, i] * dF[k, j] + dF[k, i] * F[k, j]
                             inverse += inv_T[k, i] * inv_T[k, j]
-                        out[e, q, i, j] = (before[e, q, i, j] + shear[e] * twice_rate
-                                           + bulk[e] * growth * J * J * inverse)
-                    out[e, q, i, i] -= 2.0 / 3.0 * shear[e] * trace
+                        out[e, q, i, j] = (before[e, q, i, j] + shear[e, q] * twice_rate
+                                           + bulk[e, q] * growth * J * J * inverse)
+                    out[e, q, i, i] -= 2.0 / 3.0 * shear[e, q] * trace

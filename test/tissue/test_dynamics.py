@@ -129,11 +129,11 @@ def turned(angle):
 
 def viscous(mesh, x, v):
     """`viscous_stress` (m, q, 3, 3) with shear viscosity 2 Pa s, bulk viscosity 1000 Pa s."""
-    g = element_geometry(mesh)
-    zero, m = np.zeros((*g.weights.shape, 3, 3)), len(mesh.tets)
-    stress = np.empty_like(zero)
-    viscous_stress(x, v, g.connectivity, g.gradients, np.full(m, 2.0), np.full(m, 1e3), zero,
-                   stress)
+    m = len(mesh.tets)
+    g = element_geometry(mesh, np.ones(m), np.ones(m))
+    zero = np.zeros((*g.weights.shape, 3, 3))
+    stress, each = np.empty_like(zero), np.ones(g.weights.shape)
+    viscous_stress(x, v, g.connectivity, g.gradients, 2.0 * each, 1e3 * each, zero, stress)
     return stress
 
 

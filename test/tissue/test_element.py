@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.element import (
     EDGES,
     FACES,
+    SPREAD,
     element_geometry,
+    point_moduli,
     shape_slopes,
     shape_values,
     signed_volumes,
@@ -64,6 +67,32 @@ def simplex_mean(powers):
             / math.factorial(sum(powers) + 3))
 
 
+def geometry_of(mesh, nu=0.3):
+    m, (mu, kappa) = len(mesh.tets), moduli(6e3, nu)
+    return element_geometry(mesh, np.full(m, mu), np.full(m, kappa))
+
+
+def test_a_uniform_volume_change_meets_the_whole_bulk_modulus(element):
+    """However kappa is shared out, a point weight's worth of it each adds up to kappa V."""
+    mesh, (mu, kappa) = box(element), moduli(6e3, 0.49)
+    m = len(mesh.tets)
+    geometry = geometry_of(mesh, 0.49)
+    fields = SimpleNamespace(mu=np.full(m, mu), kappa=np.full(m, kappa))
+    shear, bulk = point_moduli(geometry, fields)
+    volume = signed_volumes(mesh.nodes, mesh.tets)
+    np.testing.assert_allclose((geometry.point_weights * bulk).sum(axis=1), kappa * volume)
+    np.testing.assert_allclose((geometry.point_weights * shear).sum(axis=1), mu * volume)
+
+
+def test_quadratic_elements_are_integrated_in_full_up_to_the_spread():
+    """Up to nu = 0.3 nothing is left for the centre; beyond, only what exceeds SPREAD mu."""
+    mesh = box('quadratic')
+    assert geometry_of(mesh, 0.25).spread.min() == 1.0
+    assert geometry_of(mesh, 0.3).spread.min() == pytest.approx(1.0, rel=1e-12)
+    mu, kappa = moduli(6e3, 0.49)
+    np.testing.assert_allclose(geometry_of(mesh, 0.49).spread * kappa, SPREAD * mu)
+
+
 def test_shape_functions_are_one_at_their_own_node_and_sum_to_one(element):
     a = NODES[element]
     np.testing.assert_allclose(shape_values(node_coordinates(element), a), np.eye(a), atol=1e-15)
@@ -85,7 +114,7 @@ def test_fields_up_to_the_elements_order_are_held_exactly(element):
     Gradients are compared with differences of step 1e-6: rounding 1e-16 x 9 / 1e-6.
     """
     mesh = box(element)
-    geometry = element_geometry(mesh)
+    geometry = geometry_of(mesh)
     X = 1e2 * mesh.nodes
     nodal = monomials(X, ORDER[element])[geometry.connectivity]
     points = np.einsum('qa,mai->mqi', geometry.shape, X[geometry.connectivity])
@@ -98,7 +127,7 @@ def test_fields_up_to_the_elements_order_are_held_exactly(element):
 def test_one_degree_more_is_not_held(element):
     """The test above can fail: the next degree is missed by the square, cube of a cell."""
     mesh = box(element)
-    geometry = element_geometry(mesh)
+    geometry = geometry_of(mesh)
     X, degree = 1e2 * mesh.nodes, ORDER[element] + 1
     points = np.einsum('qa,mai->mqi', geometry.shape, X[geometry.connectivity])
     values = np.einsum('qa,mac->mqc', geometry.shape, monomials(X, degree)[geometry.connectivity])
@@ -108,16 +137,17 @@ def test_one_degree_more_is_not_held(element):
 def test_quadrature_is_exact_to_its_degree_and_no_further(element):
     """One point: degree 1. Four points: degree 2. Means over a tetrahedron in closed form."""
     mesh = box(element)
-    geometry = element_geometry(mesh)
+    geometry = geometry_of(mesh)
     np.testing.assert_allclose(geometry.weights.sum(axis=1), signed_volumes(mesh.nodes, mesh.tets))
     np.testing.assert_allclose(geometry.weights.sum(), np.prod(SIZE))
+    share = geometry.weights[0] / geometry.weights[0].sum()
     L = geometry.shape @ node_coordinates(element)  # shape functions hold linear fields exactly
     for powers in itertools.product(range(4), repeat=4):
-        mean = np.mean(np.prod(L ** np.array(powers), axis=1))
+        mean = share @ np.prod(L ** np.array(powers), axis=1)
         if sum(powers) <= ORDER[element]:
             assert mean == pytest.approx(simplex_mean(powers), rel=1e-13)
     cubes = [(ORDER[element] + 1) * row for row in np.eye(4, dtype=int)]
-    assert all(abs(np.mean(np.prod(L ** p, axis=1)) - simplex_mean(p)) > 1e-3 for p in cubes)
+    assert all(abs(share @ np.prod(L ** p, axis=1) - simplex_mean(p)) > 1e-3 for p in cubes)
 
 
 def polynomials(element):
@@ -137,7 +167,7 @@ def mean_product(p, q):
 def test_mass_is_the_integral_of_products_in_closed_form(element):
     N = polynomials(element)
     exact = [[mean_product(p, q) for q in N] for p in N]
-    geometry = element_geometry(box(element))
+    geometry = geometry_of(box(element))
     np.testing.assert_allclose(geometry.mass, exact, rtol=1e-13, atol=1e-16)
     assert geometry.mass.sum() == pytest.approx(1.0, rel=1e-14)
     assert eigvalsh(geometry.mass)[0] > 0.0
@@ -145,7 +175,7 @@ def test_mass_is_the_integral_of_products_in_closed_form(element):
 
 def test_lumping_is_positive_and_loses_no_mass(element):
     """Hinton, Rock & Zienkiewicz: each node its diagonal; row sums of the corners are negative."""
-    geometry = element_geometry(box(element))
+    geometry = geometry_of(box(element))
     assert geometry.lumping.min() > 0.0
     assert geometry.lumping.sum() == pytest.approx(1.0, rel=1e-14)
     np.testing.assert_allclose(geometry.lumping * np.trace(geometry.mass), np.diag(geometry.mass))

@@ -126,7 +126,7 @@ def test_every_point_with_factor_one_is_plain_galerkin(trained, exact):
     body, data, _ = trained
     model = reduce(body, data, modes=8, exact_at_rest=exact)
     assert model.misfit == 0.0
-    np.testing.assert_allclose(model.weights, body.geometry.weights.ravel(), rtol=1e-15)
+    np.testing.assert_allclose(model.weights, body.geometry.point_weights.ravel(), rtol=1e-15)
     reduced, assembler = ReducedSolver(model, options=TIGHT), StaticSolver(body).assembler
     for push in pushes_of(model):
         found = reduced.solve(reduced.rest, push)

@@ -171,10 +171,9 @@ def test_finite_strain_converges_at_the_order_of_the_element(element, cells, ord
 
 @pytest.mark.parametrize(('nu', 'order'), [(0.49, 2.0), (0.499, 2.0), (0.4999, 1.0)])
 def test_quadratic_converges_near_incompressibility(nu, order):
-    """Full order while kappa h / mu L is small; for any nu at least one order less.
+    """Full order where the pressure is constant, which one constraint an element holds exactly.
 
-    Four checks of the volume for ten nodes: 24 constraints for 24 unknowns per corner in the
-    mean, so the element is not free of locking in the limit, but convergence survives in it.
+    For any nu at least one order less is asked.
     """
     coarse, fine = (np.array(errors(Sliding(), 'quadratic', c, nu)) for c in (4, 8))
     rate_u, rate_gradient = np.log2(coarse / fine)
@@ -213,9 +212,9 @@ def rest_tangent(mesh, nu):
     return Assembler(make_body(mesh, surface(mesh), nu)).tangent(mesh.nodes)
 
 
-@pytest.mark.parametrize('nu', [0.0, 0.3, 0.49, 0.4999])
+@pytest.mark.parametrize('nu', [0.0, 0.3])
 def test_pure_bending_is_exact_in_quadratic_elements(nu):
-    """No force but on the end faces, and there the moment E I c: for any nu, on any mesh.
+    """No force but on the end faces, and there the moment E I c, on any mesh.
 
     Rounding: 1e-16 of the forces that cancel in an element, of order kappa c h^3.
     """
@@ -248,6 +247,20 @@ def bending_excess(element, cells, nu):
     return (u @ (K @ u)) / exact - 1.0
 
 
+def test_one_volume_constraint_bends_too_easily_by_second_order_whatever_nu():
+    """The price of not locking: pressure varies across a bent bar, and is constant in an element.
+
+    Its error is of first order, the energy's of second (Boffi, Brezzi & Fortin 2013, 8.5): a
+    quarter for half the cell. Two cells across leave about 1 %, at nu = 0.4999 as at 0.49.
+    """
+    loose, tight = ([bending_excess('quadratic', (3 * n, n, n), nu) for n in (2, 4)]
+                    for nu in (0.49, 0.4999))
+    for excess in (loose, tight):
+        assert np.log2(excess[0] / excess[1]) == pytest.approx(2.0, abs=0.1)
+        assert -0.015 < excess[0] < 0.0
+    assert tight[1] == pytest.approx(loose[1], rel=0.05)
+
+
 def test_linear_elements_are_too_stiff_in_bending_and_lock():
     """The known defect, its sign and its order.
 
@@ -263,7 +276,7 @@ def test_linear_elements_are_too_stiff_in_bending_and_lock():
     assert tight[1] > 50.0 * loose[1]
 
 
-@pytest.mark.parametrize('nu', [0.3, 0.4999])
+@pytest.mark.parametrize('nu', [0.0, 0.3])
 def test_any_quadratic_displacement_is_exact_under_its_body_force(nu):
     """Small strain: stress is linear, -div of it a constant. 27 coefficients at random.
 

@@ -10,7 +10,7 @@ from skfem.quadrature import get_quadrature
 
 from arm_brachy.tissue.body import Pad, SoftBody, Springs, TetMesh
 from arm_brachy.tissue.box import box_mesh
-from arm_brachy.tissue.element import signed_volumes
+from arm_brachy.tissue.element import point_moduli, signed_volumes
 from arm_brachy.tissue.material import moduli
 from arm_brachy.tissue.mesh import boundary_faces, face_middles, quadratic_mesh
 from arm_brachy.tissue.newton import StaticSolver
@@ -167,14 +167,24 @@ def cantilever(element, cells, nu):
     return deflection / (LENGTH ** 3 / (3.0 * E * inertia) + LENGTH / (k * G * area))
 
 
-@pytest.mark.parametrize('nu', [0.3, 0.49, 0.499, 0.4999])
-def test_quadratic_cantilever_bends_as_timoshenko_says(nu):
-    """Two cells across: within half a percent for any nu.
+def test_quadratic_cantilever_bends_as_timoshenko_says():
+    """Two cells across: within half a percent where elements are integrated in full.
 
     A root that may not warp takes 0.1 % off (the share of shear, 2 %, times (h / L)^2 and a
     half), shear that varies across a cell another 0.2 %.
     """
-    assert cantilever('quadratic', (12, 1, 2), nu) == pytest.approx(1.0, abs=0.005)
+    assert cantilever('quadratic', (12, 1, 2), 0.3) == pytest.approx(1.0, abs=0.005)
+
+
+@pytest.mark.parametrize('nu', [0.49, 0.499, 0.4999])
+def test_quadratic_cantilever_near_incompressibility(nu):
+    """Too soft by 1 % with two cells across, whatever nu; a quarter of it with four.
+
+    Less by the 0.3 % of the test above, which does not fall with the cell.
+    """
+    two, four = (cantilever('quadratic', (6 * n, n // 2, n), nu) - 1.0 for n in (2, 4))
+    assert 0.0 < two < 0.015
+    assert (four + 0.001) / (two + 0.001) == pytest.approx(0.25, abs=0.05)
 
 
 def test_linear_cantilever_locks():
@@ -222,22 +232,24 @@ def pressed_box(nu, side=0.03):
 
 
 def test_volume_is_kept_but_for_pressure_over_bulk_modulus():
-    """The isochoric stress does no work in F, so sum f . x = 3 kappa int J (J - 1) exactly.
+    """The isochoric stress does no work in F, so sum f . x = 3 int kappa J (J - 1) exactly.
 
-    To first order that is 3 kappa times the change of volume; second order is max |J - 1|.
-    Between the four points nothing keeps J at 1, so the enclosed volume may differ from their
-    sum by the error of a rule of degree 2 for a polynomial of degree 3, itself second order.
+    The constraint is on J at the centre of each element: its sum goes with 1 / kappa. The volume
+    enclosed differs from it by the error of one point for a polynomial of degree 3, of second
+    order in the cell: below 2 % of the volume that the pad takes.
     """
     changes = []
     for nu in (0.499, 0.4999):
         mesh, body, x, forces = pressed_box(nu)
-        g, kappa, volume = body.geometry, body.kappa[0], 0.03 ** 3
+        g, volume, taken = body.geometry, 0.03 ** 3, 0.002 * 0.018 ** 2
         J = np.linalg.det(np.einsum('mai,mqak->mqik', x[g.connectivity], g.gradients))
-        change = np.sum(g.weights * (J - 1.0))
+        kappa = point_moduli(g, body)[1]
+        change = np.sum((g.point_weights * (1.0 - g.shear)) * (J - 1.0))
         virial = np.sum(forces * x)
-        assert virial == pytest.approx(3.0 * kappa * np.sum(g.weights * J * (J - 1.0)), rel=1e-6)
+        assert virial == pytest.approx(3.0 * np.sum(g.point_weights * kappa * J * (J - 1.0)),
+                                       rel=1e-6)
         assert enclosed_volume(mesh, mesh.nodes) == pytest.approx(volume, rel=1e-12)
-        assert enclosed_volume(mesh, x) - volume == pytest.approx(change, rel=0.02)
+        assert abs(enclosed_volume(mesh, x) - volume - change) < 0.02 * taken
         changes.append(change / volume)
     assert abs(changes[1]) < 1e-4
     assert changes[0] / changes[1] == pytest.approx(10.0, rel=0.15)  # as 1 / kappa

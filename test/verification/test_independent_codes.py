@@ -93,12 +93,15 @@ def stiffness(du, v, w):
 
 @skfem.LinearForm
 def resistance(v, w):
-    weight = 1000.0 * sum(g * v[i] for i, g in enumerate(WEIGHT))
+    weight = w.heavy * 1000.0 * sum(g * v[i] for i, g in enumerate(WEIGHT))
     return ddot(first_piola(np.asarray(w.F), w.mu, w.kappa), grad(v)) - weight
 
 
 def scikit_fem_basis(mesh):
-    """(Basis, dofs (n, 3) of our nodes), one quadrature point or four, as the engine has."""
+    """(Basis, dofs (n, 3) of our nodes), one quadrature point or four, as the engine has.
+
+    The quadratic element's other rule is `basis.with_quadrature` at the centre, in `rules`.
+    """
     p1 = mesh.midside is None
     shapes = skfem.ElementTetP1() if p1 else skfem.ElementTetP2()
     corners = mesh.nodes[:mesh.tets.max() + 1]
@@ -110,6 +113,18 @@ def scikit_fem_basis(mesh):
     return basis, dofs[:, theirs].T
 
 
+def rules(basis, mesh, mu, kappa):
+    """[(Basis, moduli, 1 where the weight acts)]: what the quadratic element has beyond 13/6 mu of
+    bulk modulus it feels at the centre alone.
+    """
+    if mesh.midside is None:
+        return [(basis, {'mu': mu, 'kappa': kappa}, 1.0)]
+    everywhere = min(kappa, 13.0 / 6.0 * mu)
+    centre = skfem.Basis(basis.mesh, basis.elem, intorder=1)
+    return [(basis, {'mu': mu, 'kappa': everywhere}, 1.0),
+            (centre, {'mu': 0.0, 'kappa': kappa - everywhere}, 0.0)]
+
+
 def solve_by_scikit_fem(body):
     """(positions (n, 3), forces (n, 3) that hold the nodes), by plain Newton, in our order."""
     mesh = body.mesh
@@ -119,10 +134,12 @@ def solve_by_scikit_fem(body):
     held = dofs[np.union1d(body.fixed, body.pads[0].nodes)].ravel()
     for mu, kappa in moduli_on_the_way(body):
         for _ in range(12):
-            state = {'F': grad(basis.interpolate(u)) + np.eye(3)[:, :, None, None],
-                     'mu': mu, 'kappa': kappa}
-            force = resistance.assemble(basis, **state)
-            step = skfem.solve(*skfem.condense(stiffness.assemble(basis, **state), -force, D=held))
+            force, tangent = 0.0, 0.0
+            for rule, law, heavy in rules(basis, mesh, mu, kappa):
+                F = grad(rule.interpolate(u)) + np.eye(3)[:, :, None, None]
+                force = force + resistance.assemble(rule, F=F, heavy=heavy, **law)
+                tangent = tangent + stiffness.assemble(rule, F=F, **law)
+            step = skfem.solve(*skfem.condense(tangent, -force, D=held))
             u += step
             if np.abs(step).max() < 1e-13:
                 break

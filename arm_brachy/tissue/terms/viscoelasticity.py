@@ -108,22 +108,23 @@ def isochoric_stress(geometry, mu, x):
     """Isochoric second Piola-Kirchhoff stress of the Neo-Hookean law (3.18) in each element.
 
     geometry : ElementGeometry;  mu : (m,) [Pa];  x : (n, 3) positions [m]
-    Returns (m, q, 3, 3) [Pa] at the quadrature points: mu J^(-2/3) (I - tr(C) / 3 C^-1).
+    Returns (m, q, 3, 3) [Pa] at the quadrature points: mu J^(-2/3) (I - tr(C) / 3 C^-1), zero
+    at points that carry none of the isochoric energy.
     """
     out = np.empty((*geometry.weights.shape, 3, 3))
     _isochoric(np.ascontiguousarray(x, dtype=float), geometry.connectivity, geometry.gradients,
-               mu, out)
+               geometry.shear, mu, out)
     return out
 
 
 @njit(cache=True, error_model='numpy')
-def _isochoric(x, conn, G, mu, out):
+def _isochoric(x, conn, G, shear, mu, out):
     """Element loop of `isochoric_stress`; arrays as in `kernels`."""
     F, inv_T = np.empty((3, 3)), np.empty((3, 3))
     for e in range(len(mu)):
         for q in range(G.shape[1]):
             I1 = deformation_gradient(x, conn[e], G[e, q], F)
-            scale = mu[e] * inverse_transpose(F, inv_T) ** (-2.0 / 3.0)
+            scale = shear[q] * mu[e] * inverse_transpose(F, inv_T) ** (-2.0 / 3.0)
             for i in range(3):
                 for k in range(3):
                     C_inv = (inv_T[0, i] * inv_T[0, k] + inv_T[1, i] * inv_T[1, k]
