@@ -52,6 +52,7 @@ BEYOND = 0.012       # m; nodes of another mesh of the same body lie at most thi
 class Case:
     """One body: its scene, the mesh of the thesis' size with rims, its surface.
 
+    plain : mesh of the same size that does not follow the rims
     fine : longest edge at the pushed rim in the two reference meshes [m];  largest : elsewhere [m]
     closer : longest edge at all rims in the graded candidate [m]
     """
@@ -60,14 +61,16 @@ class Case:
     scene: str
     rims: str
     surface: str
+    plain: str
     fine: tuple = (8e-3, 4e-3)
     largest: float = 14e-3
     closer: float = 15e-3
 
 
 CASES = (Case('dome', 'dome_small.yaml', 'dome/small_rims.msh', 'dome/dome.stl',
-              fine=(6e-3, 3e-3), closer=8e-3),
-         Case('breast', 'breast.yaml', 'breast/breast_rims.msh', 'breast/breast.stl'))
+              'dome/small.msh', fine=(6e-3, 3e-3), closer=8e-3),
+         Case('breast', 'breast.yaml', 'breast/breast_rims.msh', 'breast/breast.stl',
+              'breast/breast_2331.msh'))
 
 
 # ---- solving
@@ -179,7 +182,7 @@ def reference_mesh(case, scene, mesh, edge_length):
 
 def candidates(case, scene):
     """Yield (mesh name, TetMesh, elements) for the table."""
-    plain = load_mesh(scene.mesh.file, scene.mesh.unit)
+    plain = load_mesh(config_dir() / 'scenes' / case.plain)
     rims = load_mesh(config_dir() / 'scenes' / case.rims)
     closer = grade(rims, near_rims(rims, scene.pads, case.closer, growth=2.0), patches=scene.pads)
     corners = rims.nodes[rims.tets]

@@ -52,8 +52,8 @@ def test_affine_motion_is_exact_and_forces_are_the_energys_slope(element):
 def test_small_push_against_an_axisymmetric_solution(dome):
     """The dome as a body of revolution, quadratic triangles: nothing shared but the modulus.
 
-    Reactions: one volume constraint an element within 2 % (what chords leave out of disc and dome), four of them 5 to
-    10 % too stiff, linear more than 50 %; that is the order in which the elements lock.
+    Reactions: one volume constraint an element within 2 % (what chords leave out of disc and
+    dome), four of them 5 to 10 % too stiff, linear more than 50 %: the order in which they lock.
     """
     scene, mesh = dome
     exact = axisymmetric_stiffness(0.065, 0.055, scene.pads[0].radius, scene.material)
