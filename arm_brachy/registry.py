@@ -12,20 +12,46 @@ from arm_brachy.core import config
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import UNITS, quantities
 from arm_brachy.core.term import Kind, Stage
+from arm_brachy.devices.terms.actuator_compliance import ActuatorCompliance
+from arm_brachy.devices.terms.actuator_gain import ActuatorGain
 from arm_brachy.devices.terms.actuator_lag import ActuatorLag
 from arm_brachy.devices.terms.backlash import Backlash
+from arm_brachy.devices.terms.clock_offset import ClockOffset
 from arm_brachy.devices.terms.em_distortion import EmDistortion
+from arm_brachy.devices.terms.em_offset import EmOffset
+from arm_brachy.devices.terms.force_drift import ForceDrift
+from arm_brachy.devices.terms.force_gain import ForceGain
+from arm_brachy.devices.terms.lost_steps import LostSteps
 from arm_brachy.devices.terms.marker_slip import MarkerSlip
+from arm_brachy.devices.terms.optical_scale import OpticalScale
 from arm_brachy.tissue.terms.base_compliance import BaseCompliance
+from arm_brachy.tissue.terms.compressibility import Compressibility
+from arm_brachy.tissue.terms.damping import Damping
+from arm_brachy.tissue.terms.external_force import ExternalForce
+from arm_brachy.tissue.terms.gravity import Gravity
 from arm_brachy.tissue.terms.inclusion import Inclusion
+from arm_brachy.tissue.terms.reference_shape import ReferenceShape
+from arm_brachy.tissue.terms.skin_layer import SkinLayer
+from arm_brachy.tissue.terms.stiffness_drift import StiffnessDrift
+from arm_brachy.tissue.terms.stiffness_gradient import StiffnessGradient
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
+from arm_brachy.tissue.terms.stress_softening import StressSoftening
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
-# Order is the order of application: moduli, then heterogeneity, then memory, then supports.
+# Order is the order of application.
 TERMS = (
-    StiffnessScale, Inclusion, Viscoelasticity, BaseCompliance,
-    ActuatorLag, Backlash,
-    MarkerSlip, EmDistortion,
+    # What is placed in the body or on it is placed in its true shape.
+    ReferenceShape,
+    StiffnessScale, Compressibility, StiffnessGradient, SkinLayer, Inclusion,
+    Gravity, Damping,
+    # Memory: what softens or drifts, does so together with what is remembered.
+    Viscoelasticity, StressSoftening, StiffnessDrift,
+    # A skin ends at the fixed base, so supports give way after it.
+    BaseCompliance, ExternalForce,
+    # From the motor to the pad: the force on the pad acts last.
+    ActuatorLag, ActuatorGain, Backlash, LostSteps, ActuatorCompliance,
+    # From the thing seen to what is read of it: place, scale, zero, stamp.
+    MarkerSlip, OpticalScale, EmDistortion, EmOffset, ForceGain, ForceDrift, ClockOffset,
 )
 
 
@@ -82,7 +108,7 @@ def split(terms):
     simulator, SETPOINT, TRANSMISSION and ENCODER for the actuators, EM, OPTICAL and FORCE for the
     sensors. Order within a stage is kept.
     """
-    return {stage: tuple(t for t in terms if t.spec.stage is stage) for stage in Stage}
+    return {stage: tuple(t for t in terms if t.stage is stage) for stage in Stage}
 
 
 def documentation_table():

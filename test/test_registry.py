@@ -6,7 +6,7 @@ from arm_brachy import registry
 from arm_brachy.core.config import read_yaml
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantities
-from arm_brachy.core.term import Stage
+from arm_brachy.core.term import Kind, Stage
 from arm_brachy.tissue.terms.inclusion import Inclusion
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
@@ -37,7 +37,7 @@ def test_two_of_a_kind_keep_their_order():
 @pytest.mark.parametrize(('entries', 'message'), [
     ([{'name': 'viscoelastic'}],
      "terms\\[0\\]: unknown term 'viscoelastic'; did you"),
-    ([{'name': 'zzz'}], 'known: stiffness_scale, '),
+    ([{'name': 'zzz'}], f'known: {registry.TERMS[0].spec.name}, '),
     ([{'name': 3}], 'unknown term 3'),
     ([{'radius_mm': 3.0}], 'must be a mapping with a name'),
     (['inclusion'], 'must be a mapping with a name'),
@@ -73,9 +73,20 @@ def test_split_gives_every_stage_its_terms():
     parts = registry.split(terms)
     assert set(parts) == set(Stage)
     assert sum(map(len, parts.values())) == len(terms)
-    assert [t.spec.name for t in parts[Stage.BODY]] == [
-        'stiffness_scale', 'inclusion', 'viscoelasticity', 'base_compliance']
+    assert [type(t) for t in parts[Stage.BODY]] == [
+        c for c in registry.TERMS if c.spec.kind in (Kind.TISSUE, Kind.BOUNDARY)]
     assert registry.split(())[Stage.EM] == ()
+
+
+@pytest.mark.parametrize(('first', 'then'), [
+    ('reference_shape', 'inclusion'),         # a place is one in the true shape
+    ('viscoelasticity', 'stress_softening'),  # remembered stress softens and drifts along
+    ('viscoelasticity', 'stiffness_drift'),
+    ('skin_layer', 'base_compliance'),        # a base that is no longer fixed has a skin
+])
+def test_terms_act_in_an_order_that_makes_sense(first, then):
+    names = [term.spec.name for term in registry.TERMS]
+    assert names.index(first) < names.index(then)
 
 
 def test_documentation_names_every_term_and_parameter():

@@ -26,6 +26,7 @@ class TissueModel:
         has, MeshError for a target outside the body.
         """
         body = build_body(scene)
+        mesh = body.mesh  # a term that changes the shape takes material points along
         for term in terms:
             body = term.prepare(body)
             if term.memory(body) is not None:
@@ -34,7 +35,7 @@ class TissueModel:
         self.targets, positions = target_points(scene)
         self._solver = StaticSolver(body, options=options)
         self._directions = np.array([pad.direction for pad in body.pads]).reshape(-1, 3)
-        self._embedding = {name: embed(body.mesh, [point], names=[name])
+        self._embedding = {name: embed(mesh, [point], names=[name])
                            for name, point in zip(self.targets, positions, strict=True)}
         start = self._solver.solve(body.mesh.nodes, np.zeros_like(self._directions))
         if not start.outcome.ok:

@@ -29,12 +29,15 @@ UNITS = {
     'kPa_mm': (1e6, 'kPa/mm'),
     'N': (1.0, 'N'),
     'N_mm': (1e3, 'N/mm'),
+    'mm_N': (1e-3, 'mm/N'),
+    'N_min': (1.0 / 60.0, 'N/min'),
     'Nm': (1.0, 'N m'),
     'Nmm': (1e-3, 'N mm'),
     'kg': (1.0, 'kg'),
     'g': (1e-3, 'g'),
     'kg_m3': (1.0, 'kg/m^3'),
     'per_s': (1.0, '1/s'),
+    'per_min': (1.0 / 60.0, '1/min'),
     'per_m': (1.0, '1/m'),
     'mm_per_mm': (1.0, 'mm/mm'),
     'mm2': (1e-6, 'mm^2'),
@@ -52,7 +55,8 @@ class Quantity:
     shape : () for a scalar, (3,) for a vector in the world frame
     prior : (kind, a, b) for the fitter, edge unit: ('uniform', low, high),
         ('normal', mean, sd) or ('lognormal', median, factor at one sd); None = not fitted
-    typical : size at which the effect is usually met (edge unit); None = the default
+    typical : size at which the effect is usually met (edge unit; the length of a vector); None =
+        the default
     neutral : value (edge unit) at which the effect is switched off by this parameter, each
         component of a vector alike; infinity = rigid in the limit; None = it does not scale the
         effect, but says where, when or how

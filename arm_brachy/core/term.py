@@ -37,6 +37,7 @@ class TermSpec:
     """What the documentation table says of a term.
 
     name : the registry key, from ARCHITECTURE's list of terms
+    stage : where it acts; for a term that a parameter sends elsewhere (`Term.stage`), by default
     equation : plain text, symbols as in `symbols` of the docstring
     source : book, paper or data sheet with equation or page number
     invisible_when : from which recordings it cannot be seen, in one line ('' = none known)
@@ -51,14 +52,23 @@ class TermSpec:
     invisible_when: str = ''
 
 
-class BodyTerm(Protocol):
+class Term(Protocol):
+    """What all faces share."""
+
+    spec: ClassVar[TermSpec]
+
+    @property
+    def stage(self):
+        """The Stage at which this very term acts."""
+        return self.spec.stage
+
+
+class BodyTerm(Term, Protocol):
     """Tissue and boundary terms (Kind.TISSUE, Kind.BOUNDARY).
 
     A static effect overrides `prepare` only. An effect with memory also gives `memory`,
     `before_step` and `after_step`; internal variables live in the memory array, never in the term.
     """
-
-    spec: ClassVar[TermSpec]
 
     def prepare(self, body):
         """Return a SoftBody with the effect built in (the argument is untouched)."""
@@ -73,13 +83,11 @@ class BodyTerm(Protocol):
         """Return the internal variables at t, given the converged positions x (n, 3) [m]."""
 
 
-class ActuationTerm(Protocol):
+class ActuationTerm(Term, Protocol):
     """Actuation terms (Kind.ACTUATION), vectorised over the bank's n actuators.
 
-    They map an input position u (n,) [m] to an output (n,) [m] at their `spec.stage`.
+    They map an input position u (n,) [m] to an output (n,) [m] at their `stage`.
     """
-
-    spec: ClassVar[TermSpec]
 
     def memory(self, q0):
         """Internal state for a bank at rest at q0 (n,) [m]."""
@@ -88,15 +96,22 @@ class ActuationTerm(Protocol):
         """Return (output (n,) [m], new memory); effort (n,) [N] pushes back on the pad."""
 
 
-class SensingTerm(Protocol):
-    """Sensing terms (Kind.SENSING): distort what a sensor would see, before noise."""
+class SensingTerm(Term, Protocol):
+    """Sensing terms (Kind.SENSING): distort what a sensor would see, before noise, or its clock.
 
-    spec: ClassVar[TermSpec]
+    The device adds up the `lateness` of its terms and shifts every stamp by it; values, noise and
+    the order of samples stay as they were.
+    """
+
+    @property
+    def lateness(self):
+        """By how much stamps are later than the acquisition [s]; negative: earlier."""
+        return 0.0
 
     def distort(self, t, names, values, pads):
         """Return distorted values (k, 3), given the true ones.
 
-        t : s;  names : k stream-local names (markers, tools, pads)
+        t : s, when it was acquired;  names : k stream-local names (markers, tools, pads)
         values : (k, 3) positions [m] or forces [N] in the world frame
         pads : (p, 3) true pad displacements [m] (what actuator metal does to an EM field)
         """

@@ -57,8 +57,7 @@ class SimulatedBank(AbstractActuatorDriver):
         self._t = t0
         self._servo = self._motor.copy()
         self._profiles = [self._rest(x) for x in self._motor]
-        self._stages = [[term for term in terms if term.spec.stage is stage]
-                        for stage in _STAGES]
+        self._stages = [[term for term in terms if term.stage is stage] for stage in _STAGES]
         self._memories = [[term.memory(self._motor) for term in stage] for stage in self._stages]
         self._pad = self._motor.copy()
         self._sensed = self._motor.copy()
@@ -154,9 +153,9 @@ class SimulatedBank(AbstractActuatorDriver):
                 raise ConfigError(f'{name}: start_mm = {1e3 * start:g}; must be 0 to '
                                   f'{1e3 * stroke:g}')
         for term in terms:
-            if term.spec.stage not in _STAGES:
+            if term.stage not in _STAGES:
                 raise ConfigError(f'actuators: term {term.spec.name} acts at '
-                                  f'{term.spec.stage.value}; must act at '
+                                  f'{term.stage.value}; must act at '
                                   + ', '.join(stage.value for stage in _STAGES))
         for name, spread in (('position_repeatability_mm', self.params.position_repeatability),
                              ('effort_noise_N', self.params.effort_noise)):

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantity
 from arm_brachy.devices.noise import ColouredNoise
-from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction, lerp, slerp
+from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction, lateness, lerp, slerp
 
 # The specification of the tracker (thesis sec. 3.4.4), written down from memory.
 _NDI = 'NDI Aurora V2, Planar 20-20 (specification, not checked against a copy): '
@@ -83,7 +83,8 @@ class EmTrackerParams:
 class ToolSample:
     """One tool in one frame.
 
-    t : s, time of acquisition;  frame_number : from 0, the same for all tools of a frame
+    t : s, time of acquisition by the tracker's clock
+    frame_number : from 0, the same for all tools of a frame
     position : (3,) [m], world frame, NaN unless status is OK
     quaternion : (4,) x, y, z, w, tool to world, w >= 0, NaN unless status is OK. A 5DOF sensor has
         no roll about its axis (tool z): reported is the smallest rotation that takes world z to
@@ -116,7 +117,7 @@ class EmTracker:
         self._terms = tuple(terms)
         self._rng = rng
         self.times = SampleTimes(params.rate, params.phase)
-        self._line = DelayLine(self.times, params.latency)
+        self._line = DelayLine(self.times, params.latency, lateness(self._terms))
         self._noise = ColouredNoise((len(self.tools), 6), params.noise_correlation,
                                     1.0 / params.rate, rng)
         self._R_GW = _generator_axes(params)
@@ -151,7 +152,7 @@ class EmTracker:
         scale = growth[:, None]**_POSITION_POWER * self.params.position_noise / np.sqrt(3.0)
         seen = seen + scale * noise[:, :3]
         turned = self._turn(rotations, growth, noise[:, 3:])
-        return [_sample(instant, *tool)
+        return [_sample(self._line.stamped(instant), *tool)
                 for tool in zip(self.tools, seen, turned, residual, status, strict=True)]
 
     def _draw(self):

@@ -6,7 +6,7 @@ import numpy as np
 
 from arm_brachy.core.quantity import quantity
 from arm_brachy.devices.noise import ColouredNoise
-from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction, lerp
+from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction, lateness, lerp
 
 _NANO17 = 'ATI Nano17, calibration SI-50-0.5: '
 
@@ -49,7 +49,7 @@ class ForceSensorParams:
 class ForceSample:
     """One pad at one instant.
 
-    t : s, time of acquisition;  sample_number : from 0
+    t : s, time of acquisition by the sensor's clock;  sample_number : from 0
     force : (3,) [N], moment : (3,) [N m] about the centre of the pad; both are the external wrench
         on the pad (what the tissue does to it), world frame: a push gives a force against the push
         direction
@@ -65,7 +65,7 @@ class ForceSample:
 
 
 class ForceSensor:
-    """Simulated sensors of p pads; advanced tick by tick. Tared at zero load, no drift.
+    """Simulated sensors of p pads; advanced tick by tick. Tared at zero load.
 
     params : ForceSensorParams;  pads : p names;  rng : numpy Generator
     terms : sensing terms of Stage.FORCE, applied to the true forces (not moments), before noise
@@ -78,7 +78,7 @@ class ForceSensor:
         self.pads = tuple(pads)
         self._terms = tuple(terms)
         self.times = SampleTimes(params.rate, params.phase)
-        self._line = DelayLine(self.times, params.latency)
+        self._line = DelayLine(self.times, params.latency, lateness(self._terms))
         self._noise = ColouredNoise((len(self.pads), 6), params.noise_correlation,
                                     1.0 / params.rate, rng)
 
@@ -106,7 +106,8 @@ class ForceSensor:
         moments, over_m = digitise(moments + p.moment_noise * noise[:, 3:], p.moment_range,
                                    p.moment_resolution)
         saturated = (over | over_m).any(axis=1)
-        return [ForceSample(instant.t, instant.number, name, forces[i].copy(), moments[i].copy(),
+        t = self._line.stamped(instant).t
+        return [ForceSample(t, instant.number, name, forces[i].copy(), moments[i].copy(),
                             bool(saturated[i])) for i, name in enumerate(self.pads)]
 
 

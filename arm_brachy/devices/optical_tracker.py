@@ -7,7 +7,7 @@ import numpy as np
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantity
 from arm_brachy.devices.noise import ColouredNoise
-from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction, lerp
+from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction, lateness, lerp
 
 _VICON = 'Merriaux et al. 2017, Sensors 17:1591 (Vicon): '
 # Fewer cameras than this cannot triangulate a marker.
@@ -64,7 +64,8 @@ class OpticalParams:
 class OpticalFrame:
     """All markers at one instant.
 
-    t : s, time of acquisition;  frame_number : from 0;  ids : k marker names
+    t : s, time of acquisition by the tracker's clock;  frame_number : from 0
+    ids : k marker names
     points : (k, 3) [m], world frame, NaN where hidden;  visible : (k,) bool
     """
 
@@ -95,7 +96,7 @@ class OpticalTracker:
         self._normals = _unit_normals(params, normals, k)
         self._eyes = np.array([camera.position for camera in params.cameras]).reshape(-1, 3)
         self.times = SampleTimes(params.rate, params.phase)
-        self._line = DelayLine(self.times, params.latency)
+        self._line = DelayLine(self.times, params.latency, lateness(self._terms))
         self._noise = ColouredNoise((k, 3), params.noise_correlation, 1.0 / params.rate, rng)
         self._bias = params.calibration_error / np.sqrt(3.0) * rng.standard_normal((k, 3))
         self._hidden = rng.random(k) < params.occlusion_probability
@@ -123,7 +124,8 @@ class OpticalTracker:
             seen = term.distort(instant.t, self.names, seen, pads)
         seen = seen + self._bias + self.params.noise / np.sqrt(3.0) * noise
         seen[~visible] = np.nan
-        return OpticalFrame(instant.t, instant.number, self.names, seen, visible)
+        return OpticalFrame(self._line.stamped(instant).t, instant.number, self.names, seen,
+                            visible)
 
     def _visible(self, points):
         """Advance the occlusions by one frame; draws the same count whatever the state."""

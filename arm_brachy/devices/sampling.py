@@ -102,23 +102,38 @@ def slerp(rot0, rot1, f):
     return (start * Rotation.from_rotvec(f * step)).as_matrix()
 
 
+def lateness(terms):
+    """Return by how much sensing terms together put the stamps of a device late [s]."""
+    return sum(term.lateness for term in terms)
+
+
 class DelayLine:
-    """Holds samples from acquisition to delivery, a fixed latency later.
+    """Stamps samples and holds them from acquisition to delivery, a fixed latency later.
 
     times : SampleTimes of acquisition;  latency : s, >= 0
+    late : s, by how much stamps are later than the acquisition; negative: earlier
+    No sample is handed out before its stamp: where `late` exceeds the latency it takes its place.
+    Samples with a stamp before time zero are never handed out; no message could carry them.
     """
 
-    def __init__(self, times, latency):
+    def __init__(self, times, latency, late=0.0):
         self.times = times
-        self.delivery = SampleTimes(times.rate, times.phase + latency)
+        self._late = to_ns(late)
+        wait = max(to_ns(latency), self._late)
+        self.delivery = SampleTimes(times.rate, (to_ns(times.phase) + wait) / NANOSECONDS)
         self._held = []
+
+    def stamped(self, instant):
+        """Return the Instant that a sample acquired at `instant` says it is of."""
+        return instant._replace(ns=instant.ns + self._late)
 
     def exchange(self, samples, t0, t1):
         """Take in what was acquired in (t0, t1], hand out what is delivered in it, in order.
 
         samples : list of (frame number, sample)
         """
-        self._held += samples
+        self._held += [(number, s) for number, s in samples
+                       if self.stamped(self.times.at(number)).ns >= 0]
         last = self.delivery.between(t0, t1)
         if not last:
             return []

@@ -12,18 +12,28 @@ from arm_brachy.core.config import from_mapping, to_mapping
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantities
 from arm_brachy.core.random import stream
+from arm_brachy.core.term import SensingTerm
 from arm_brachy.devices.actuator import ActuatorParams, SimulatedBank
 from arm_brachy.devices.em_tracker import EmTracker, EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensor, ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams, OpticalTracker
+from arm_brachy.devices.terms.actuator_compliance import ActuatorCompliance
+from arm_brachy.devices.terms.actuator_gain import ActuatorGain
 from arm_brachy.devices.terms.actuator_lag import ActuatorLag
 from arm_brachy.devices.terms.backlash import Backlash
+from arm_brachy.devices.terms.clock_offset import ClockOffset
 from arm_brachy.devices.terms.em_distortion import EmDistortion
+from arm_brachy.devices.terms.em_offset import EmOffset
+from arm_brachy.devices.terms.force_drift import ForceDrift
+from arm_brachy.devices.terms.force_gain import ForceGain
+from arm_brachy.devices.terms.lost_steps import LostSteps
 from arm_brachy.devices.terms.marker_slip import MarkerSlip
+from arm_brachy.devices.terms.optical_scale import OpticalScale
 
 NAMES = ('a', 'b', 'c')
 PARAMS = (ActuatorParams, EmTrackerParams, OpticalParams, ForceSensorParams)
-TERMS = (ActuatorLag, Backlash, EmDistortion, MarkerSlip)
+TERMS = (ActuatorLag, ActuatorGain, Backlash, LostSteps, ActuatorCompliance, MarkerSlip,
+         OpticalScale, EmDistortion, EmOffset, ForceGain, ForceDrift, ClockOffset)
 
 # Straight motion, so that the truth between two ticks does not depend on how time is cut.
 _SPEED = np.array([[0.01, 0.0, 0.02], [0.0, -0.01, 0.0], [0.003, 0.004, 0.005]])
@@ -140,6 +150,33 @@ def test_latency_delays_delivery_not_the_stamp(make):
 
 
 @pytest.mark.parametrize('make', DEVICES)
+@pytest.mark.parametrize('delay', [0.02, 0.13, -0.02, -0.13])
+def test_a_clock_that_is_off_shifts_stamps_and_nothing_else(make, delay):
+    """Value for value the run without the offset, but for what is lost before time zero."""
+    plain = _run(make(1, terms=()), 0.02, 1.0)
+    off = _run(make(1, terms=(ClockOffset(delay=delay),)), 0.02, 1.0)
+    lost = make.per_instant * np.sum(np.array([s.t for s in plain[::make.per_instant]])
+                                     < -delay - 1e-9)
+    matching = plain[lost:lost + len(off)]
+    assert len(off) > 0.8 * len(plain)
+    np.testing.assert_allclose([s.t for s in off], [s.t + delay for s in matching], atol=1e-9)
+    moved = [replace(s, t=0.0) for s in off], [replace(s, t=0.0) for s in matching]
+    np.testing.assert_array_equal(*[[_numbers(s) for s in run] for run in moved])
+
+
+@pytest.mark.parametrize('make', DEVICES)
+@pytest.mark.parametrize('delay', [0.13, -0.13])
+def test_no_stamp_lies_ahead_of_its_delivery_or_before_zero(make, delay):
+    rig, last = make(1, terms=(ClockOffset(delay=delay),)), 0.0
+    for k in range(50):
+        for sample in rig.advance(0.02 * k, 0.02 * (k + 1)):
+            assert 0.0 <= sample.t <= 0.02 * (k + 1) + 1e-12
+            assert sample.t >= last
+            last = sample.t
+    assert last > 0.8
+
+
+@pytest.mark.parametrize('make', DEVICES)
 def test_returned_arrays_share_no_memory(make):
     spoiled, clean = make(1), make(1)
     for k in range(20):
@@ -155,7 +192,7 @@ def test_returned_arrays_share_no_memory(make):
 @pytest.mark.parametrize('make', DEVICES)
 def test_a_term_leaves_the_noise_as_it_was(make):
     """The difference that a term makes is the term's, not another draw of the dice."""
-    class Shift:
+    class Shift(SensingTerm):
         def distort(self, t, names, values, pads):
             return values + 1e-3
     with_term = _run(make(1, terms=(Shift(),)), 0.02, 1.0)

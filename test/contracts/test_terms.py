@@ -16,7 +16,6 @@ from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.material import moduli
 
 
-
 def off(cls):
     """Parameters that switch a term off, as declared; None where that is a limit only."""
     values = {name: info.to_si([info.neutral] * 3 if info.shape else info.neutral)
@@ -32,21 +31,32 @@ switchable = pytest.mark.parametrize(
 every_term = pytest.mark.parametrize('cls', registry.TERMS, ids=lambda c: c.spec.name)
 
 
+# Terms that act at a place do so in the small block of this suite.
+PLACES = {'inclusion': {'centre': (0.015, 0.015, 0.015)},
+          'reference_shape': {'bump_centre': (0.0, 0.015, 0.015)},
+          'external_force': {'centre': (0.0, 0.015, 0.015)}}
+
+
 def body():
-    """Small block, held below, one pad above."""
+    """Small block, held below, one pad above; damped, or there would be no damping to change."""
     mesh = box_mesh((0.03, 0.03, 0.03), (3, 3, 3))
     m, (mu, kappa) = len(mesh.tets), moduli(6e3, 0.45)
     pad = Pad('pad', mesh.node_sets['z1'], np.array([0.0, 0.0, -1.0]),
               np.array([0.015, 0.015, 0.03]), 0.01)
     return SoftBody(mesh, np.full(m, mu), np.full(m, kappa), np.full(m, 1e3),
-                    mesh.node_sets['z0'], (pad,))
+                    mesh.node_sets['z0'], (pad,), damping=(5.0, 1e-3))
+
+
+def placed(cls, **changes):
+    """The term with its defaults, somewhere in the block."""
+    return dataclasses.replace(cls(), **PLACES.get(cls.spec.name, {}), **changes)
 
 
 def typical(cls):
-    """The term at the size at which it usually shows."""
-    changes = {name: info.typical * info.scale for name, info in quantities(cls).items()
-               if info.typical is not None and not info.shape}
-    return dataclasses.replace(cls(), **changes)
+    """The term at the size at which it usually shows; a vector has that length, along x."""
+    return placed(cls, **{
+        name: info.to_si([info.typical, 0.0, 0.0] if info.shape else info.typical)
+        for name, info in quantities(cls).items() if info.typical is not None})
 
 
 def run_body(term):
@@ -73,10 +83,11 @@ def run_actuation(term):
 
 
 def run_sensing(term):
-    """Distorted values at two times."""
+    """Distorted values at two times, and how late the stamps are."""
     values = np.arange(9.0).reshape(3, 3) * 0.01
     pads = np.array([[0.0, 0.0, 1e-3]])
-    return [term.distort(t, ('a', 'b', 'c'), values, pads) for t in (0.0, 1.0)]
+    seen = [term.distort(t, ('a', 'b', 'c'), values, pads) for t in (0.0, 1.0)]
+    return [*seen, term.lateness]
 
 
 def run(term):
@@ -111,6 +122,7 @@ def test_the_specification_is_complete(cls):
     assert spec.name == cls.__module__.rpartition('.')[2]
     assert spec.summary and spec.equation and spec.source
     assert (spec.stage is Stage.BODY) == (spec.kind in BODY_STAGES)
+    assert cls().stage is spec.stage
     assert cls.__doc__ and 'Test: ' in cls.__doc__
 
 
@@ -214,7 +226,7 @@ def test_memory_survives_pickling(cls):
 
 @switchable
 def test_the_neutral_value_switches_it_off(cls):
-    term = dataclasses.replace(cls(), **off(cls))
+    term = placed(cls, **off(cls))
     if cls.spec.kind in BODY_STAGES:
         prepared, fields, _ = run_body(term)
         assert_same(prepared, body())
@@ -227,13 +239,12 @@ def test_the_neutral_value_switches_it_off(cls):
         values = np.arange(6.0).reshape(2, 3)
         out = term.distort(1.0, ('a', 'b'), values, np.ones((1, 3)))
         np.testing.assert_array_equal(out, values)
+        assert term.lateness == 0.0
 
 
 @switchable
 def test_the_typical_value_does_something(cls):
     term = typical(cls)
     none = dataclasses.replace(term, **off(cls))
-    if cls.spec.name == 'inclusion':  # into the small block of this suite
-        term, none = (dataclasses.replace(t, centre=(0.015,) * 3) for t in (term, none))
     pairs = zip(leaves(run(term)), leaves(run(none)), strict=True)
     assert any(not np.array_equal(a, b) for a, b in pairs)

@@ -11,6 +11,7 @@ from arm_brachy.core.quantity import UNITS, Quantity, quantities, quantity
 DEFINITIONS = {
     'mm': (1, 'm', 1000), 'um': (1, 'm', 10**6), 'ms': (1, 's', 1000), 'kPa': (1000, 'Pa', 1),
     'g': (1, 'kg', 1000), 'Nmm': (1, 'N m', 1000), 'N_mm': (1000, 'N/m', 1),
+    'mm_N': (1, 'm/N', 1000), 'N_min': (1, 'N/s', 60),
     'kPa_mm': (10**6, 'Pa/m', 1), 'mm2': (1, 'm^2', 10**6), 'per_mm2': (10**6, '1/m^2', 1),
     'mm_s': (1, 'm/s', 1000), 'mm_s2': (1, 'm/s^2', 1000),
 }

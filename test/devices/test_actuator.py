@@ -8,7 +8,7 @@ import pytest
 
 from arm_brachy.core.errors import CommandRefused, ConfigError
 from arm_brachy.core.outcome import Outcome
-from arm_brachy.core.term import Stage
+from arm_brachy.core.term import ActuationTerm, Stage
 from arm_brachy.devices import actuator_driver
 from arm_brachy.devices.actuator import (
     AbstractActuatorDriver,
@@ -217,7 +217,7 @@ def test_terms_act_between_set_point_encoder_and_pad():
 
 
 def test_an_encoder_term_changes_the_reading_alone():
-    class Offset:
+    class Offset(ActuationTerm):
         spec = replace(Backlash.spec, name='offset', stage=Stage.ENCODER)
 
         def memory(self, q0):

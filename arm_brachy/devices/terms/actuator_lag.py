@@ -41,7 +41,8 @@ class ActuatorLag(ActuationTerm):
     delay: float = quantity(
         0.0, 'ms', 'dead time before the motor answers', low=0.0, high=5000.0,
         prior=('uniform', 0.0, 100.0), typical=20.0,
-        source='one period of the usual 50 Hz RC-servo command (Actuonix L16-R) is 20 ms', neutral=0.0)
+        source='one period of the usual 50 Hz RC-servo command (Actuonix L16-R) is 20 ms',
+        neutral=0.0)
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='actuator_lag', kind=Kind.ACTUATION, stage=Stage.SETPOINT,

@@ -5,9 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantity
 from arm_brachy.core.term import ActuationTerm, Kind, Stage, TermSpec
+from arm_brachy.devices.terms.selection import chosen_actuators
 
 
 @dataclass(frozen=True)
@@ -40,23 +40,11 @@ class Backlash(ActuationTerm):
 
         Raises ConfigError if `actuators` names one that the bank does not have.
         """
-        n = len(q0)
-        if any(not 0 <= i < n for i in self.actuators):
-            raise ConfigError(f'backlash: actuators = {list(self.actuators)}; must be indices '
-                              f'0 to {n - 1}')
+        chosen_actuators(self.actuators, len(q0), self.spec.name)
         return np.array(q0, dtype=float)
 
     def step(self, memory, u, effort, t, dt):
         """Return (pad positions (n,) [m], new memory); exact while u is monotone within a step."""
-        width = _selected(self.width, self.actuators, len(u))
+        width = self.width * chosen_actuators(self.actuators, len(u), self.spec.name)
         y = np.minimum(np.maximum(memory, u - width), u)
         return y, y.copy()
-
-
-def _selected(value, actuators, n):
-    """`value` for the named actuators, zero for the others, (n,)."""
-    if not actuators:
-        return np.full(n, value)
-    out = np.zeros(n)
-    out[list(actuators)] = value
-    return out

@@ -25,7 +25,8 @@ class MarkerSlip(SensingTerm):
                             prior=('uniform', 0.0, 60.0), source='any time; 0 = before the start')
     offset: tuple = quantity([0.8, 0.0, 0.0], 'mm', 'where it went, world frame', low=-50.0,
                              high=50.0, shape=(3,), prior=('normal', 0.0, 1.0), typical=0.8,
-                             source='a fifth of the 4 mm marker diameter (thesis sec. 4.4)', neutral=0.0)
+                             source='a fifth of the 4 mm marker diameter (thesis sec. 4.4)',
+                             neutral=0.0)
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='marker_slip', kind=Kind.SENSING, stage=Stage.OPTICAL,

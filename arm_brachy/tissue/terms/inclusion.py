@@ -72,18 +72,23 @@ def volume_fraction(mesh, centre, radius):
 
 
 def cell_centroids(refinements):
-    """Barycentric centroids (8^refinements, 4) of a tetrahedron cut into cells of equal volume.
+    """Barycentric centroids (8^refinements, 4) of the `cells` of a tetrahedron."""
+    return cells(refinements).mean(axis=1)
+
+
+def cells(refinements):
+    """Barycentric corners (8^refinements, 4, 4) of a tetrahedron cut into cells of equal volume.
 
     Each refinement halves the edges: four corner cells and four that share the octahedron's
     diagonal. Source: Bey 1995, Computing 55:355 (red refinement).
     """
-    cells = np.eye(4)[None]
+    parts = np.eye(4)[None]
     for _ in range(refinements):
-        middle = {(i, j): 0.5 * (cells[:, i] + cells[:, j])
+        middle = {(i, j): 0.5 * (parts[:, i] + parts[:, j])
                   for i, j in product(range(4), repeat=2)}
-        cells = np.concatenate([np.stack([middle[pair] for pair in child], axis=1)
+        parts = np.concatenate([np.stack([middle[pair] for pair in child], axis=1)
                                 for child in _CHILDREN])
-    return cells.mean(axis=1)
+    return parts
 
 
 # corners of the eight children, each a midpoint of the parent's corners i and j (i = j: a corner)

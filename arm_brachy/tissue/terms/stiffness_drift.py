@@ -1,0 +1,60 @@
+"""A modulus that drifts during the run: drying, warming, curing."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from arm_brachy.core.quantity import quantity
+from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
+
+
+@dataclass(frozen=True)
+class StiffnessDrift(BodyTerm):
+    """Moduli and remembered stress times a factor that grows or falls from `onset` on.
+
+    With s = rate (t - onset) the factor is 1 + s for a body that stiffens and 1 / (1 - s) for one
+    that softens: the same to first order, positive however long the run. Stress that the tissue
+    remembers (viscoelasticity) scales along, so the term acts after those with memory. What
+    stiffening and fibres of the law add stays as it is, and so does the stress-free shape.
+    Test: tissue/terms/test_stiffness_drift.py (bar, relaxing element, marker invariance)
+    """
+
+    rate: float = quantity(
+        0.0, 'per_min', 'relative change of the modulus per time', low=-2.0, high=2.0,
+        prior=('normal', 0.0, 0.1), typical=0.2,
+        source='engineering judgement: a gel that dries, warms or still sets; limits wider',
+        neutral=0.0)
+    onset: float = quantity(
+        0.0, 's', 'when the drift begins', low=0.0, high=1e5, prior=('uniform', 0.0, 60.0),
+        source='the start of the run, or any time in its first minute')
+
+    spec: ClassVar[TermSpec] = TermSpec(
+        name='stiffness_drift', kind=Kind.TISSUE, stage=Stage.BODY,
+        summary='modulus drifts during the run',
+        equation='(mu, kappa, S_added) -> (1 + s) (mu, kappa, S_added), or over 1 - s where '
+                 's < 0;  s = rate max(t - onset, 0)',
+        source='first order of any drift; equilibrium div P = 0 is homogeneous in the modulus',
+        invisible_when='only positions are recorded, pads are displacement-driven and no dead '
+                       'load, spring support or inertia acts')
+
+    def prepare(self, body):
+        """Return `body` as it is: the scene's moduli are those before the onset."""
+        return body
+
+    def memory(self, body):
+        """Return the factor reached, 1. Not None, so that it grows from substep to substep."""
+        return 1.0
+
+    def before_step(self, body, memory, t, dt, fields):
+        """Scale moduli and added stress in `fields` by the factor at t."""
+        factor = self._factor(t)
+        fields.mu *= factor
+        fields.kappa *= factor
+        fields.stress *= factor
+
+    def after_step(self, body, memory, x, t, dt):
+        """Return the factor at t."""
+        return self._factor(t)
+
+    def _factor(self, t):
+        s = self.rate * max(t - self.onset, 0.0)
+        return 1.0 + s if s >= 0.0 else 1.0 / (1.0 - s)

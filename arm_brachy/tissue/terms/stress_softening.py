@@ -1,0 +1,77 @@
+"""Stress softening: tissue strained once is softer below the strain that it has seen."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from arm_brachy.core.quantity import quantity
+from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
+
+
+@dataclass(frozen=True)
+class StressSoftening(BodyTerm):
+    """Discontinuous damage: the isochoric stress times 1 - D, D set by the largest energy so far.
+
+    D = damage (1 - exp(-W_max / energy)) with W the isochoric energy density (3.18) of the
+    undamaged element, its mean over the volume. Below W_max the element is elastic with the
+    modulus that is left, so loading and unloading part on the first cycle only; nothing heals,
+    and time and rate do not matter. The volumetric part is spared, and so is what stiffening and
+    fibres of the law add. Isochoric stress that terms acting before this one remember is softened
+    alike.
+
+    The damage of a step acts in the next one: on first loading the stress is late by one step,
+    an error of first order in its length; unloading and reloading are exact.
+    Test: tissue/terms/test_stress_softening.py (cycles, dissipation, relaxing element)
+    """
+
+    damage: float = quantity(
+        0.0, '', 'largest share of the shear modulus that can be lost', low=0.0, high=0.95,
+        prior=('uniform', 0.0, 0.6), typical=0.3,
+        source='engineering judgement; breast skin depends on its largest past stretch '
+               '(Kumaraswamy et al. 2017, J Mech Behav Biomed Mater 74:164)', neutral=0.0)
+    energy: float = quantity(
+        50.0, 'Pa', 'energy density [J/m^3] at which 63 % of it is lost', low=0.1, high=1e6,
+        prior=('lognormal', 50.0, 3.0),
+        source='3/2 mu e^2 of the scenes (mu = 2 kPa) at a strain of e = 13 %, as near a pad')
+
+    spec: ClassVar[TermSpec] = TermSpec(
+        name='stress_softening', kind=Kind.TISSUE, stage=Stage.BODY,
+        summary='softer after the first loading (Mullins, preconditioning)',
+        equation='S_iso -> (1 - D) S_iso;  D = damage (1 - exp(-W_max / energy)), '
+                 'W_max(t) = max over s <= t of W(s)',
+        source='Simo 1987, CMAME 60:153; Miehe 1995, Eur J Mech A/Solids 14:697 (this D); '
+               'Holzapfel 2000, Nonlinear Solid Mechanics, ch. 6',
+        invisible_when='the tissue has been strained further before the recording, or is loaded '
+                       'only once and monotonously (then a softer law); hardly in positions where '
+                       'it softens uniformly')
+
+    def prepare(self, body):
+        """Return `body` as it is: its moduli are those of tissue never strained."""
+        return body
+
+    def memory(self, body):
+        """Return the largest energy density so far (m,) [J/m^3] of each element: none."""
+        return np.zeros(len(body.mu))
+
+    def before_step(self, body, memory, t, dt, fields):
+        """Soften modulus and added stress in `fields` by the damage done until t - dt."""
+        left = 1.0 + self.damage * np.expm1(-memory / self.energy)
+        fields.mu *= left
+        fields.stress *= left[:, None, None, None]
+
+    def after_step(self, body, memory, x, t, dt):
+        """Return the largest energy density so far (m,) [J/m^3], that at x (n, 3) [m] included."""
+        return np.maximum(memory, isochoric_energy(body, x))
+
+
+def isochoric_energy(body, x):
+    """Return the isochoric energy density (m,) [J/m^3] of (3.18), mean over each element.
+
+    body : SoftBody, its own moduli;  x : (n, 3) [m], no element inverted
+    """
+    geometry = body.geometry
+    F = np.einsum('mai,mqaj->mqij', x[geometry.connectivity], geometry.gradients, optimize=True)
+    I1 = np.sum(F * F, axis=(2, 3)) * np.linalg.det(F) ** (-2.0 / 3.0)
+    density = 0.5 * body.mu[:, None] * (I1 - 3.0)
+    return np.sum(geometry.weights * density, axis=1) / geometry.weights.sum(axis=1)
