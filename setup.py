@@ -15,6 +15,7 @@ NODES = (
     'force_sensor',
     'mpc_manipulator',
     'operator',
+    'push_protocol',
     'recorder',
     'replayer',
     'supervisor',

@@ -11,6 +11,7 @@ import numpy as np
 from arm_brachy import registry
 from arm_brachy.control.manipulator import Manipulator
 from arm_brachy.control.pursuit import Pursuit
+from arm_brachy.control.push_protocol import PushProtocol
 from arm_brachy.control.tissue_model import TissueModel
 from arm_brachy.core.errors import CommandRefused, ConfigError
 from arm_brachy.core.outcome import Outcome
@@ -64,8 +65,12 @@ class Body:
         self.point_names = tuple(m.name for m in (*markers, *targets))
         self._rest = np.array([m.position for m in (*markers, *targets)]).reshape(-1, 3)
         self._carrier = [m.body for m in markers] + ['tissue'] * len(targets)
+        for pad, true in zip(self._body.pads, self._simulator.body.pads, strict=True):
+            # where a term has moved a pad at rest, it has moved what is fixed to it
+            self._rest[[c == pad.name for c in self._carrier]] += true.centre - pad.centre
         self._in_tissue = np.array([c == 'tissue' for c in self._carrier], dtype=bool)
         names = [n for n, inside in zip(self.point_names, self._in_tissue, strict=True) if inside]
+        # in the scene's mesh: a term that changes the shape takes material points along
         self._embedding = embed(self.mesh, self._rest[self._in_tissue], names=names)
         self._check_carriers(scene)
 
@@ -198,6 +203,15 @@ def build_controller(cell):
     manipulator = Manipulator(params, model, strokes, cell.scenario.actuators.max_speed,
                               [p.name for p in pads])
     return Pursuit(manipulator, model, cell.em_tools, strokes, [p.name for p in pads])
+
+
+def build_protocol(cell):
+    """The scenario's moves. Raises ConfigError if it has none."""
+    if not cell.scenario.moves:
+        raise ConfigError(f'{cell.path}: moves is empty; must list a move at least, for '
+                          'push_protocol to make')
+    return PushProtocol(cell.scenario.moves, [p.name for p in cell.scene.pads],
+                        cell.scenario.settle)
 
 
 def _terms(cell, *stages):

@@ -40,8 +40,8 @@ TICK_DONE = Topic('cell/done/{node}', 'arm_brachy_msgs/msg/TickDone',
                   'a node has answered a tick; how much it has published', 100)
 SAFETY = Topic('cell/safety', 'arm_brachy_msgs/msg/SafetyState', 'run, hold or stop, and why',
                latched=True)
-TASK = Topic('cell/task', 'arm_brachy_msgs/msg/TaskState', 'what the operator is doing',
-             latched=True)
+TASK = Topic('cell/task', 'arm_brachy_msgs/msg/TaskState',
+             'what the operator is doing, or which prescribed move is under way', latched=True)
 OUTCOME = Topic('cell/outcome', 'arm_brachy_msgs/msg/StepOutcome',
                 'expected trouble, with advice', 100)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray',
@@ -111,7 +111,7 @@ CELL_CLOCK = NodeSpec(
 ACTUATOR_DRIVER = NodeSpec(
     'actuator_driver', 'one bank of linear actuators, simulated or hardware',
     publishes=(ACTUATORS, TRUTH_PADS, *EVERYWHERE), subscribes=(COMMAND, SAFETY, TRUTH_POINTS),
-    previous=('mpc_manipulator', 'supervisor', 'tissue_simulator', 'operator'),
+    previous=('mpc_manipulator', 'supervisor', 'tissue_simulator', 'operator', 'push_protocol'),
     services=('~/home', '~/release'))
 TISSUE_SIMULATOR = NodeSpec(
     'tissue_simulator', 'the soft body that plays the patient',
@@ -141,6 +141,11 @@ OPERATOR = NodeSpec(
     'operator', "plays the clinician: sets the scenario's goals, sends the pads home",
     publishes=(TASK, *EVERYWHERE), subscribes=(ACTUATORS, MANIPULATION),
     same=('actuator_driver', 'mpc_manipulator'))
+PUSH_PROTOCOL = NodeSpec(
+    'push_protocol', "makes the scenario's moves, without feedback: in place of mpc_manipulator "
+    'and operator',
+    publishes=(COMMAND, TASK, *EVERYWHERE), subscribes=(ACTUATORS, SAFETY),
+    same=('actuator_driver',), previous=('supervisor',), services=('~/resume',))
 SUPERVISOR = NodeSpec(
     'supervisor', 'health, limits, emergency stop: actuators move only while it says run',
     publishes=(SAFETY, *EVERYWHERE), subscribes=(WRENCH,), same=('force_sensor',),
@@ -149,12 +154,24 @@ RECORDER = NodeSpec(
     'recorder', 'writes every topic to an MCAP bag as raw bytes',
     subscribes=tuple(t for t in TOPICS if t is not CLOCK and t is not TICK_DONE),
     same=('actuator_driver', 'tissue_simulator', 'tissue_model', 'em_tracker', 'optical_tracker',
-          'force_sensor', 'mpc_manipulator', 'operator', 'supervisor'))
+          'force_sensor', 'mpc_manipulator', 'operator', 'push_protocol', 'supervisor'))
 
 NODES = (CELL_CLOCK, ACTUATOR_DRIVER, TISSUE_SIMULATOR, TISSUE_MODEL, EM_TRACKER, OPTICAL_TRACKER,
-         FORCE_SENSOR, MPC_MANIPULATOR, OPERATOR, SUPERVISOR, RECORDER)
+         FORCE_SENSOR, MPC_MANIPULATOR, OPERATOR, PUSH_PROTOCOL, SUPERVISOR, RECORDER)
 REPLAYER = 'replayer'  # stands in for the clock and for absent nodes; it is no part of a cell
-CELL = tuple(n.name for n in NODES if n is not TISSUE_MODEL)
+# A full run of a scenario with tasks, and of one with moves.
+CELL = tuple(n.name for n in NODES if n not in (TISSUE_MODEL, PUSH_PROTOCOL))
+PROBING_CELL = tuple(n.name for n in NODES if n not in (TISSUE_MODEL, MPC_MANIPULATOR, OPERATOR))
+
+
+def cell_of(scenario):
+    """Names of the nodes that a full run of a Scenario takes, in table order."""
+    return PROBING_CELL if scenario.moves else CELL
+
+
+def conductor_of(scenario):
+    """The node that walks through a Scenario and says when it is over."""
+    return PUSH_PROTOCOL if scenario.moves else OPERATOR
 
 
 def node(name):

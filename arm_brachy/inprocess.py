@@ -1,54 +1,46 @@
 """The cell in one process, without ROS: the objects of the lockstep graph, in its order.
 
-Within a tick data flow downstream: actuators, tissue, sensors, controller, operator, supervisor.
+Within a tick data flow downstream: actuators, tissue, sensors, controller, operator, supervisor;
+of a scenario with moves the push protocol stands for controller and operator.
 Feedback is one tick late, as the table in `graph` says (`NodeSpec.previous`): commands,
 permissions and what pushes back on the pads act in the tick after the one that made them. A
-service that the operator calls (goal, abort, homing) is served within its tick. Scenario and seed
+service that is called (goal, abort, homing) is served within its tick. Scenario and seed
 therefore give the same numbers here as in a recording of the graph.
 
 Left out: pace (there is no clock on the wall), meshes over time, diagnostics, the tissue model's
 own predictions.
 """
 
-from collections import Counter, defaultdict
 from contextlib import suppress
 
 import numpy as np
 
 from arm_brachy import cell as cells
-from arm_brachy import provenance
+from arm_brachy.control import push_protocol
 from arm_brachy.control.goal import Goal, GoalKind
 from arm_brachy.control.safety import Permission, Safety
-from arm_brachy.control.sequencer import HOME, REST, Action, Phase, Sequencer
+from arm_brachy.control.sequencer import Action, Phase, Sequencer, at_home
 from arm_brachy.core.errors import CommandRefused, ConfigError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.devices.actuator import SimulatedBank
 from arm_brachy.devices.em_tracker import ToolStatus
-from arm_brachy.evaluation.timeseries import (
-    EmSamples,
-    NodeOutcome,
-    OpticalFrames,
-    RunData,
-    Series,
-    TaskWindow,
-)
-from arm_brachy.offline import with_scene
-from arm_brachy.scenario import bundle
+from arm_brachy.evaluation.timeseries import TaskWindow
+from arm_brachy.inprocess_log import RunLog
 
 SENSORS = ('em', 'optical', 'force')
 
 
 def run(cell, *, sensors=('em',), go_home=True):
-    """Run a scenario from the first tick until its last task is over and the pads are home.
+    """Run a scenario from the first tick until all is over and the pads are home.
 
     cell : scenario.Cell;  sensors : which of SENSORS take part. Without 'force' nobody watches
     the force limit, which makes no difference to a run that stays below it.
-    go_home : False ends the run with the last task
+    go_home : False ends the run with the last task or move
     Returns evaluation.timeseries.RunData. Raises ConfigError for a sensor or driver it cannot run.
     Test: closed_loop/test_inprocess.py
     """
     loop = InProcess(cell, sensors)
-    while not (loop.finished or loop.tasks_over and not go_home):
+    while not (loop.finished or loop.work_over and not go_home):
         loop.tick()
     return loop.data()
 
@@ -56,8 +48,9 @@ def run(cell, *, sensors=('em',), go_home=True):
 class InProcess:
     """The cell between two ticks; what a person or a test may do in between acts in the next.
 
-    t : [s] of the last tick;  finished : the last task is over and the pads are home
-    driver, body, tracker, control, safety, sequencer : the parts, as in the graph
+    t : [s] of the last tick;  finished : all is over and the pads are home
+    driver, body, tracker, safety : the parts, as in the graph;  control, sequencer : of tasks
+    protocol : of moves;  the other two or one are None
     step : the last ManipulatorStep, None before the first
     """
 
@@ -74,17 +67,20 @@ class InProcess:
         self.tracker = cells.build_em_tracker(cell, scenario.em)
         self.optical = cells.build_optical_tracker(cell, scenario.optical)
         self.force = cells.build_force_sensor(cell, scenario.force)
-        self.control = cells.build_controller(cell)
         self.safety = Safety(scenario.limits.pad_force)
-        self.sequencer = Sequencer(scenario.tasks, scenario.settle)
+        self.control = self.sequencer = self.protocol = None
+        if scenario.moves:
+            self.protocol = cells.build_protocol(cell)
+        else:
+            self.control = cells.build_controller(cell)
+            self.sequencer = Sequencer(scenario.tasks, scenario.settle)
         points = {'em': cell.em_tools, 'optical': cells.marker_names(cell), 'force': ()}
         self._feeds = {name: cells.PointFeed(points[name]) for name in SENSORS}
         self._permission, self._home_due = Permission.HOLD, True
-        self.control.permit(Permission.HOLD, 'no word from the supervisor yet')
+        self._permit(Permission.HOLD, 'no word from the supervisor yet')
         self._effort, self._command = None, None
         self._ticks, self.step, self.finished = 0, None, False
-        self._log, self._goal, self._windows = defaultdict(list), None, []
-        self._outcomes, self._now, self._said = Counter(), {}, {}
+        self._log, self._goal = RunLog(cell), None
 
     @property
     def t(self):
@@ -92,8 +88,10 @@ class InProcess:
         return self._ticks * self._cell.tick_ns * 1e-9
 
     @property
-    def tasks_over(self):
-        """True once the time of the last task is over."""
+    def work_over(self):
+        """True once the last task or move is over."""
+        if self.protocol is not None:
+            return self.protocol.moves_over
         last = len(self._cell.scenario.tasks) - 1
         return self.sequencer.index >= last and self.sequencer.phase in (Phase.HOMING,
                                                                          Phase.FINISHED)
@@ -105,71 +103,63 @@ class InProcess:
         self._ticks += 1
         state = self._drive()
         reading = self.body.step(self.t, state.pad)
-        self._note('tissue_simulator', reading.outcome)
-        self._log['points'].append((self.t, reading.points))
+        self._log.note('tissue_simulator', reading.outcome)
+        self._log.add('points', self.t, reading.points)
         heard = self._sense_target(reading)
         self._sense_rest(reading)
         self._effort = cells.push_back(reading.pad_force, self._directions)
-        self._steer(state, heard)
-        self._operate(state)
+        if self.protocol is not None:
+            self._push(state)
+        else:
+            self._steer(state, heard)
+            self._operate(state)
 
     def data(self):
-        """What happened so far as RunData; a task that is not over yet is left out."""
-        scenario, origin = self._cell.scenario, provenance.of(self._cell)
-        points, forces = self._series('points'), self._forces()
-        truth = {} if points is None else {
-            name: Series(points.t, points.values[:, i])
-            for i, name in enumerate(self.body.point_names)}
-        found = RunData(
-            name=scenario.name, scenario=bundle(self._cell)['scenario.yaml'], seed=scenario.seed,
-            commit=origin['commit'], machine=origin['machine'], recorded_at=origin['start'],
-            tasks=tuple(self._windows), tasks_planned=len(scenario.tasks) or None, truth=truth,
-            em=self._em(), encoder=self._series('encoder'), encoder_pads=self._pads,
-            command_position=self._series('command'), pad_displacement=self._series('pads'),
-            optical=self._optical(), force=forces,
-            force_pads=() if forces is None else tuple(sorted(self._pads)),
-            outcomes=tuple(NodeOutcome(*key, n, self._said[key])
-                           for key, n in sorted(self._outcomes.items())))
-        return with_scene(found, self._cell.scene)
+        """What happened so far as RunData; a task or move that is not over yet is left out."""
+        return self._log.data(self.body.point_names)
 
     def _hear_supervisor(self):
         """What it said at the end of the tick before; until it has spoken nothing moves."""
         self._permission = self.safety.permission
-        self.control.permit(self._permission, self.safety.reason)
+        self._permit(self._permission, self.safety.reason)
         if self._permission is Permission.STOP:
             self._home_due = False
             self.driver.stop()
         elif self._permission is Permission.HOLD:
             self.driver.hold()
 
+    def _permit(self, permission, reason):
+        (self.control if self.protocol is None else self.protocol).permit(permission, reason)
+
     def _drive(self):
         """The command of the tick before, then motion; returns BankState."""
         command, self._command = self._command, None
         if command is not None:
-            self._obey(command)
+            self._obey(*command)
         if self._home_due and self._permission is Permission.RUN:
             self._home_due = False
             self._home_at_start()
         state = self.driver.read(self.t, self._effort)
-        self._note('actuator_driver', state.outcome, state.message)
-        self._log['encoder'].append((self.t, state.q))
-        self._log['pads'].append((self.t, state.pad))
+        self._log.note('actuator_driver', state.outcome, state.message)
+        self._log.add('encoder', self.t, state.q)
+        self._log.add('pads', self.t, state.pad)
         return state
 
     def _home_at_start(self):
         try:
             self.driver.home()
         except CommandRefused as refusal:
-            self._count('actuator_driver', Outcome.REJECTED, str(refusal))
+            self._log.count('actuator_driver', Outcome.REJECTED, str(refusal))
 
-    def _obey(self, command):
+    def _obey(self, q, speed):
         if self._permission is not Permission.RUN:
-            self._count('actuator_driver', Outcome.REJECTED,
-                        'actuators: move while the safety state is not RUN; reset the supervisor')
+            self._log.count('actuator_driver', Outcome.REJECTED,
+                            'actuators: move while the safety state is not RUN; reset the '
+                            'supervisor')
             return
         # What the bank refuses it says in its next state.
         with suppress(CommandRefused):
-            self.driver.move(command)
+            self.driver.move(q, speed)
 
     def _sense_target(self, reading):
         """Let the EM tracker look; returns what it delivered: (tool, t [s], position (3,))."""
@@ -178,8 +168,8 @@ class InProcess:
         heard = []
         for sample in cells.em_samples(self.tracker, self._feeds['em'], reading):
             t = _stamp(sample)
-            self._log['em', sample.tool].append(
-                (t, (*sample.position, sample.quality, sample.status.value)))
+            self._log.add(('em', sample.tool), t,
+                          (*sample.position, sample.quality, sample.status.value))
             if sample.status is ToolStatus.OK:
                 heard.append((sample.tool, t, sample.position))
         return heard
@@ -187,11 +177,11 @@ class InProcess:
     def _sense_rest(self, reading):
         if 'optical' in self._sensors:
             for frame in cells.optical_samples(self.optical, self._feeds['optical'], reading):
-                self._log['optical'].append((_stamp(frame), frame.points))
-                self._log['visible'].append((_stamp(frame), frame.visible))
+                self._log.add('optical', _stamp(frame), frame.points)
+                self._log.add('visible', _stamp(frame), frame.visible)
         if 'force' in self._sensors:
             for sample in cells.force_samples(self.force, self._feeds['force'], reading):
-                self._log['force', sample.pad].append((_stamp(sample), sample.force))
+                self._log.add(('force', sample.pad), _stamp(sample), sample.force)
                 self.safety.force(sample.pad, sample.force)
 
     def _steer(self, state, heard):
@@ -203,14 +193,29 @@ class InProcess:
         if step is None:
             return
         self.step = step
-        self._note('mpc_manipulator', step.outcome, step.message)
+        self._log.note('mpc_manipulator', step.outcome, step.message)
         if self.control.active and np.all(np.isfinite(step.command)):
-            self._command = step.command
-            self._log['command'].append((self.t, step.command))
+            self._give(step.command)
+
+    def _give(self, q, speed=None):
+        """A command, which the driver hears in the next tick."""
+        self._command = q, speed
+        self._log.add('command', self.t, q)
+
+    def _push(self, state):
+        step = self.protocol.step(self.t, state.q, state.velocity)
+        self._log.note('push_protocol', step.outcome, step.message)
+        self._log.events += step.events
+        if step.command is not None:
+            self._give(step.command, step.speed)
+        if step.action is push_protocol.Action.HOME:
+            refusal = self._send_home()
+            if refusal:
+                self._log.count('push_protocol', Outcome.REJECTED, refusal)
+        self.finished = step.action is push_protocol.Action.FINISH
 
     def _operate(self, state):
-        at_home = bool(np.all(state.q < HOME) and np.all(np.abs(state.velocity) < REST))
-        action = self.sequencer.step(self.t, at_home)
+        action = self.sequencer.step(self.t, at_home(state.q, state.velocity))
         if action is Action.SET_GOAL:
             self._set_goal(self._cell.scenario.tasks[self.sequencer.index])
         elif action is Action.RELEASE:
@@ -224,7 +229,7 @@ class InProcess:
             answer = self.control.pursue(
                 Goal(task.target, task.displacement, GoalKind.DISPLACEMENT, axes))
         except CommandRefused as refusal:
-            self._count('operator', Outcome.REJECTED, str(refusal))
+            self._log.count('operator', Outcome.REJECTED, str(refusal))
             return
         self._goal = (task, self.t, answer, np.array(axes))
 
@@ -232,48 +237,21 @@ class InProcess:
         if self._goal is not None:
             task, start, answer, axes = self._goal
             mode = f'{self._cell.scenario.control.loop}_loop'
-            self._windows.append(TaskWindow(task.name, task.target, start, self.t, answer.start,
-                                            answer.reference, axes, mode))
+            self._log.windows.append(TaskWindow(
+                task.name, task.target, start, self.t, answer.start, answer.reference, axes, mode))
             self._goal = None
         self.control.abort()
         if self._permission is Permission.RUN:
-            with suppress(CommandRefused):  # told to who asked
-                self.driver.home()
-                self._command = None  # under way when the pads were sent home: outdated
+            self._send_home()
 
-    def _note(self, source, outcome, message=''):
-        """Count an outcome when it changes, as the nodes publish it."""
-        if (outcome, message) != self._now.get(source, (Outcome.OK, '')):
-            self._now[source] = (outcome, message)
-            self._count(source, outcome, message)
-
-    def _count(self, source, outcome, message):
-        self._outcomes[source, outcome.name] += 1
-        self._said[source, outcome.name] = message or outcome.advice
-
-    def _series(self, name):
-        if name not in self._log:
-            return None
-        times, values = zip(*self._log[name], strict=True)
-        return Series(np.array(times), np.array(values))
-
-    def _em(self):
-        found = {tool: self._series(('em', tool)) for tool in self._cell.em_tools}
-        return {tool: EmSamples(s.t, s.values[:, :3], s.values[:, 3], s.values[:, 4].astype(int))
-                for tool, s in found.items() if s is not None}
-
-    def _forces(self):
-        series = [self._series(('force', pad)) for pad in sorted(self._pads)]
-        if not series or series[0] is None:
-            return None
-        return Series(series[0].t, np.stack([s.values for s in series], axis=1))
-
-    def _optical(self):
-        points = self._series('optical')
-        if points is None:
-            return None
-        return OpticalFrames(points.t, cells.marker_names(self._cell), points.values,
-                             self._series('visible').values)
+    def _send_home(self):
+        """Start homing; returns why the driver refuses, '' if it does not."""
+        try:
+            self.driver.home()
+        except CommandRefused as refusal:
+            return str(refusal)
+        self._command = None  # under way when the pads were sent home: outdated
+        return ''
 
 
 def _simulated_driver(cell):

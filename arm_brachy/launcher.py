@@ -61,7 +61,8 @@ def _ros_text(value):
 
 def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0):
     """The processes of a full run of a scenario, recorded into folder `bag`."""
-    names = [n for n in graph.CELL if cell.scenario.pace == 'lockstep' or n != 'cell_clock']
+    names = [n for n in graph.cell_of(cell.scenario)
+             if cell.scenario.pace == 'lockstep' or n != 'cell_clock']
     common = {'scenario': str(scenario_path), 'peers': names}
     extra = {'cell_clock': {'speed_limit': float(speed_limit)}, 'recorder': {'output': str(bag)}}
     return [NodeProcess(n, {**common, **extra.get(n, {})}) for n in names]
@@ -73,7 +74,7 @@ def replay_processes(cell, scenario_path, recording, live, bag):
     live : names of nodes that run against the recording, which speaks for all others
     """
     wanted = {graph.CELL_CLOCK.name, graph.RECORDER.name, *live}
-    absent = sorted(set(graph.CELL) - wanted)
+    absent = sorted(set(graph.cell_of(cell.scenario)) - wanted)
     common = {'scenario': str(scenario_path), 'pace': 'lockstep',
               'peers': sorted(wanted | set(absent)), 'absent': absent}
     return [NodeProcess('replayer', {**common, 'bag': str(recording)}),

@@ -8,7 +8,9 @@ import numpy as np
 
 from arm_brachy import cell as cells
 from arm_brachy import graph
+from arm_brachy.control.move_events import Event, Status
 from arm_brachy.core.errors import CommandRefused, ConfigError, RecordingError
+from arm_brachy.evaluation.moves import move_windows
 from arm_brachy.evaluation.timeseries import (
     EmSamples,
     NodeOutcome,
@@ -24,7 +26,7 @@ from arm_brachy.recording.reader import BagReader, stamp_ns
 from arm_brachy.recording.writer import PROVENANCE
 from arm_brachy.scenario import load_cell, unbundle
 
-ACTIVE, ENDED = 2, (0, 1, 3, 5)  # arm_brachy_msgs/TaskState
+ENDED = (Status.IDLE, Status.HOMING, Status.DONE, Status.FINISHED)
 
 
 class _Tally:
@@ -191,7 +193,7 @@ def load_run(bag):
         name=origin.get('name', str(bag)), scenario=files.get('scenario.yaml', b'').decode(),
         seed=int(origin.get('seed', 0)), commit=origin.get('commit', 'unknown'),
         machine=origin.get('machine', 'unknown'), recorded_at=origin.get('start', ''),
-        tasks=_windows(tally), truth=_truth(tally), em=_em(tally),
+        tasks=_windows(tally), moves=_moves(tally), truth=_truth(tally), em=_em(tally),
         encoder=tally.get('encoder'), command_position=tally.get('command'),
         pad_displacement=tally.get('pads'), encoder_pads=tally.actuators, force=force,
         force_pads=force_pads, optical=_optical(tally),
@@ -204,7 +206,7 @@ def _windows(tally):
         if start is not None and msg.state in ENDED:
             windows.append(_window(start, t))
             start = None
-        if msg.state == ACTIVE:
+        if msg.state == Status.ACTIVE and msg.target:  # a prescribed move has none
             start = (t, msg)
     return tuple(windows)
 
@@ -213,6 +215,11 @@ def _window(start, t_end):
     t, msg = start
     return TaskWindow(msg.name, msg.target, t, t_end, _xyz(msg.start), _xyz(msg.goal),
                       np.array(msg.axes, dtype=bool))
+
+
+def _moves(tally):
+    return move_windows([Event(t, msg.state, msg.index, msg.name, msg.message)
+                         for t, msg in tally.tasks if not msg.target])
 
 
 def _truth(tally):
@@ -314,12 +321,13 @@ def _in_scene_order(run, scene):
 
 
 def with_cell(run, cell):
-    """`with_scene`, and what only the scenario knows: which loop was closed, how many tasks.
+    """`with_scene`, and what only the scenario knows: which loop was closed, what was planned.
 
     run : RunData of a bag;  cell : scenario.Cell that it was recorded from
     """
-    mode = f'{cell.scenario.control.loop}_loop'
-    return replace(with_scene(run, cell.scene), tasks_planned=len(cell.scenario.tasks) or None,
+    scenario, mode = cell.scenario, f'{cell.scenario.control.loop}_loop'
+    return replace(with_scene(run, cell.scene), tasks_planned=len(scenario.tasks) or None,
+                   moves_planned=len(scenario.moves) or None,
                    tasks=tuple(replace(window, mode=mode) for window in run.tasks))
 
 

@@ -14,6 +14,7 @@ from ruamel.yaml import YAML
 
 from arm_brachy import registry
 from arm_brachy.control.manipulator import ManipulatorParams
+from arm_brachy.control.moves import Move, check_moves
 from arm_brachy.core import config
 from arm_brachy.core.complaint import line_of
 from arm_brachy.core.errors import ConfigError
@@ -67,7 +68,10 @@ class Limits:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One experiment. Keys in the file are these names; `<name>_<unit>` where there is a unit."""
+    """One experiment. Keys in the file are these names; `<name>_<unit>` where there is a unit.
+
+    tasks : goals that the controller pursues;  moves : or what the pads do without feedback
+    """
 
     name: str
     seed: int
@@ -77,7 +81,7 @@ class Scenario:
     tick: float = quantity(50.0, 'ms', 'period of the cell clock', low=1.0, high=250.0,
                            source='half the control period; sensors sample between ticks at their '
                                   'own rates, along the straight line from tick to tick')
-    settle: float = quantity(2.0, 's', 'rest before the first task and after each homing',
+    settle: float = quantity(2.0, 's', 'rest before the first task or move and after each homing',
                              low=0.0, high=600.0)
     mesh_rate: float = quantity(5.0, 'Hz', 'how often the mesh is published', low=0.01, high=100.0)
     release: float = quantity(..., 's', 'when a body held in its stress-free shape is let go',
@@ -93,6 +97,7 @@ class Scenario:
     control: ManipulatorParams = field(default_factory=ManipulatorParams)
     limits: Limits = field(default_factory=Limits)
     tasks: tuple[Task, ...] = ()
+    moves: tuple[Move, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -141,7 +146,8 @@ def resolve(scenario, path, source=None):
     source : the mapping it was read from, which knows the lines; None if it was made in Python
     Returns Cell. Raises ConfigError, also for what a schema cannot see: names given twice, a pad
     without direction, a stroke longer than the actuator's, a tick that is no whole nanosecond, a
-    force limit that the sensor cannot measure.
+    force limit that the sensor cannot measure, tasks and moves at once, moves that the bank cannot
+    make.
     """
     scene_path = (path.parent / scenario.scene).resolve()
     scene = load_scene(scene_path)
@@ -223,6 +229,7 @@ def _check_scenario(scenario, scene, place):
     tools = {('em_tools', i): tool for i, tool in enumerate(scenario.em_tools)}
     _refuse_twice(place, tools)
     _refuse_twice(place, _names(scenario, 'tasks'))
+    _refuse_twice(place, _names(scenario, 'moves'))
     known = [t.name for t in scene.targets]
     goals = {('tasks', i, 'target'): t.target for i, t in enumerate(scenario.tasks)}
     for keys, name in {**goals, **tools}.items():
@@ -239,6 +246,11 @@ def _check_scenario(scenario, scene, place):
         raise ConfigError(f"{place('tick_ms')} = {scenario.tick * 1e3:.12g}; must be a whole "
                           'number of nanoseconds')
     _check_strokes(scenario.actuators.stroke, scene, place)
+    if scenario.tasks and scenario.moves:
+        raise ConfigError(f"{place('moves')} = {len(scenario.moves)} beside tasks = "
+                          f'{len(scenario.tasks)}; must be one or the other: tasks close the '
+                          'loop, moves are prescribed')
+    check_moves(scenario.moves, scene, scenario.actuators, scenario.tick, place)
     limit, most = scenario.limits.pad_force, scenario.force.range
     if limit >= most:
         raise ConfigError(f"{place('limits', 'pad_force_N')} = {limit:g}; must be below the "

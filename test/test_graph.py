@@ -1,6 +1,7 @@
 """The table of nodes: whoever listens has a speaker to wait for, and nobody waits in a circle."""
 
 import re
+from types import SimpleNamespace
 
 import pytest
 
@@ -114,8 +115,21 @@ def test_an_unknown_node_is_a_bug():
     assert graph.node('recorder') is graph.RECORDER
 
 
-def test_the_full_cell_leaves_out_what_only_a_replay_runs():
-    assert set(NAMES) - set(graph.CELL) == {'tissue_model'}
+PROBING, TASKED = SimpleNamespace(moves=(1,), tasks=()), SimpleNamespace(moves=(), tasks=(1,))
+
+
+def test_a_full_run_leaves_out_what_only_a_replay_runs_and_what_the_other_kind_needs():
+    assert set(NAMES) - set(graph.cell_of(TASKED)) == {'tissue_model', 'push_protocol'}
+    assert set(NAMES) - set(graph.cell_of(PROBING)) == {'tissue_model', 'mpc_manipulator',
+                                                        'operator'}
+    assert graph.cell_of(SimpleNamespace(moves=(), tasks=())) == graph.CELL
+
+
+@pytest.mark.parametrize('scenario', [PROBING, TASKED])
+def test_of_a_full_run_one_node_commands_and_one_tells_what_is_under_way(scenario):
+    names = graph.cell_of(scenario)
+    assert graph.writers('cell/task', names) == (graph.conductor_of(scenario).name,)
+    assert len(graph.writers('actuators/command', names)) == 1
 
 
 def test_the_table_has_a_row_for_every_node_and_names_every_topic():

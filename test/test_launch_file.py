@@ -13,6 +13,7 @@ from arm_brachy.scenario import load_cell
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENARIO = ROOT / 'config' / 'scenarios' / 'target_1.yaml'
+PROBE = SCENARIO.with_name('probe_poor.yaml')
 
 
 class Recorded:
@@ -58,6 +59,14 @@ def test_it_starts_every_node_with_the_parameters_of_the_command(launch_file, tm
         == [(p.name, p.parameters) for p in wanted]
     assert {n.kwargs['executable'] for n in nodes} == set(graph.CELL)
     assert all(n.kwargs['package'] == 'arm_brachy' for n in nodes)
+
+
+def test_a_scenario_with_moves_starts_the_push_protocol(launch_file, tmp_path):
+    action = launch_file.generate_launch_description().args[0][-1]
+    made = action.kwargs['function']({'scenario': str(PROBE), 'bag': str(tmp_path / 'bag')})
+    nodes = {m.kwargs['name']: m for m in made if type(m).__name__ == 'Node'}
+    assert set(nodes) == set(graph.PROBING_CELL)
+    assert nodes['push_protocol'].kwargs['parameters'][-1]['peers'] == list(graph.PROBING_CELL)
 
 
 def test_nodes_run_and_close_as_under_the_command(launch_file, tmp_path):

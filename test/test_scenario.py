@@ -125,6 +125,24 @@ def task(**changes):
                        'displacement_mm': [1, 0, 0], **changes}]}
 
 
+def move(pads=({'name': 'pad_2', 'position_mm': 6},), **changes):
+    return {'moves': [{'name': 'a', 'speed_mm_s': 5, 'pads': list(pads), **changes}]}
+
+
+def test_moves_are_read_in_si(files):
+    given = move(hold_s=3, cycles=2, others='home')
+    found, = load_cell(files(given)).scenario.moves
+    assert (found.speed, found.hold, found.cycles, found.others) == (5e-3, 3.0, 2, 'home')
+    assert [(p.name, p.position) for p in found.pads] == [('pad_2', 6e-3)]
+    assert load_cell(files(move())).scenario.moves[0].cycles == 0
+
+
+def test_a_hold_of_two_ticks_and_the_braking_time_is_enough(files):
+    fine = {'tick_ms': 40, **move(speed_mm_s=10, hold_s=0.13)}
+    assert load_cell(files(fine)).scenario.moves[0].hold == 0.13
+
+
+PAD_2, PAD_9 = ({'name': name, 'position_mm': 6} for name in ('pad_2', 'pad_9'))
 WRONG_SCENARIOS = [
     ({'scene': 'none.yaml'}, r'none\.yaml: no such file'),
     ({'scene': '.'}, 'cannot be read: Is a directory'),
@@ -150,6 +168,23 @@ WRONG_SCENARIOS = [
     ({'tasks': task()['tasks'] * 2}, r'tasks\.1\.name = .a. is given twice; names must differ'),
     ({'limits': {'pad_force_N': 50}, 'force': {'range_N': 50}},
      r':5: limits\.pad_force_N = 50; must be below the 50 N of force\.range_N'),
+    ({**task(), **move()}, r':\d+: moves = 1 beside tasks = 1; must be one or the other'),
+    ({'moves': move()['moves'] * 2}, r'moves\.1\.name = .a. is given twice; names must differ'),
+    (move([PAD_2, PAD_9]), r"trial\.yaml:10: moves\.0\.pads\.1\.name = 'pad_9'; must be a pad of "
+                           r'scene breast: pad_1, pad_2, pad_3, pad_4'),
+    (move([PAD_2, PAD_2]), r"moves\.0\.pads\.1\.name = 'pad_2' is given twice"),
+    (move([{'name': 'pad_2', 'position_mm': 30.1}]),
+     r'moves\.0\.pads\.0\.position_mm = 30\.1; must be at most the 30 mm stroke of pad_2 in'),
+    (move([{'name': 'pad_2', 'position_mm': -1}]),
+     r'moves\.0\.pads\.0\.position_mm = -1; must be 0 to 1000 mm'),
+    (move([{'name': 'pad_2', 'position': 1}]), "did you mean 'position_mm'"),
+    (move(speed_mm_s=20.1), r'trial\.yaml:6: moves\.0\.speed_mm_s = 20\.1; must be at most the '
+                            r'20 mm/s of actuators\.max_speed_mm_s'),
+    (move(speed_mm_s=0), r'moves\.0\.speed_mm_s = 0; must be 0\.01 to 1000 mm/s'),
+    (move(speed_mm_s=10, hold_s=0.14), r'moves\.0\.hold_s = 0\.14; must be at least 0\.15: two'),
+    (move(cycles=-1), r'moves\.0\.cycles = -1; must be at least 0'),
+    (move(cycles=1.5), r'moves\.0\.cycles = 1\.5; must be a whole number'),
+    (move(others='back'), r"moves\.0\.others = 'back'; must be 'stay' or 'home'"),
     ({'pace': 'fast'}, "pace = 'fast'; must be 'lockstep' or 'wall'"),
 ]
 

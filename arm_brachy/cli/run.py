@@ -26,7 +26,8 @@ from arm_brachy.recording.reader import BagReader
 from arm_brachy.scenario import load_cell
 
 REPLAYABLE = tuple(n.name for n in graph.NODES
-                   if n not in (graph.CELL_CLOCK, graph.RECORDER, graph.OPERATOR))
+                   if n not in (graph.CELL_CLOCK, graph.RECORDER, graph.OPERATOR,
+                                graph.PUSH_PROTOCOL))
 
 out_option = click.option('--out', type=click.Path(), metavar='FOLDER',
                           help='Of the result; new or empty. Default: runs/<name>-<time>.')
@@ -51,8 +52,9 @@ def run(scenario, out, speed_limit, json_file):
         _build(cell, 'plant', 'model')
         cells.build_actuators(cell, cell.scenario.actuators)
     processes = launcher.cell_processes(cell, cell.path, folder / 'bag', speed_limit=speed_limit)
-    leader = 'cell_clock' if cell.scenario.pace == 'lockstep' else 'operator'
-    said = _launch(processes, leader, folder, cell.scenario.name)
+    leader = graph.CELL_CLOCK if cell.scenario.pace == 'lockstep' \
+        else graph.conductor_of(cell.scenario)
+    said = _launch(processes, leader.name, folder, cell.scenario.name)
     if 'factor' in said:
         console.print(f"simulated {said['t']:.1f} s at {said['factor']:.2f} x real time")
     _evaluate(folder / 'bag', folder, json_file, command=f'arm-brachy run {scenario}')

@@ -2,11 +2,18 @@
 
 from enum import Enum
 
+import numpy as np
+
 # A pad whose encoder reads less [m] is at home: 16 counts of the L16's position sensor.
 HOME = 0.2e-3
 # And one that moves slower than this [m/s] is at rest. Speeds are differences of encoder counts:
 # one count of 0.0122 mm in a tick of 50 ms reads as 0.244 mm/s and may be flicker, two are motion.
 REST = 0.3e-3
+
+
+def at_home(q, velocity):
+    """True if all pads are retracted and at rest, by their encoders: (p,) [m], (p,) [m/s]."""
+    return bool(np.all(np.asarray(q) < HOME) and np.all(np.abs(velocity) < REST))
 
 
 class Phase(Enum):

@@ -6,6 +6,7 @@ import numpy as np
 
 from arm_brachy.core.errors import InputError
 from arm_brachy.evaluation import deformation, metrics
+from arm_brachy.evaluation.moves import move_metrics, move_rows
 from arm_brachy.evaluation.result import Result, Target
 
 MM = 1e3
@@ -59,13 +60,14 @@ class TaskMetrics:
 class RunMetrics:
     """Numbers of a run.
 
-    tasks : TaskMetrics;  streams : topic -> metrics.StreamQuality
+    tasks : TaskMetrics;  moves : moves.MoveMetrics;  streams : topic -> metrics.StreamQuality
     deformation : deformation.Deformation at the snapshot deformed most, or None
     deformed_at : index of that snapshot;  real_time_factor : simulated s per s; NaN if unknown
     targets : result.Target, the goals and whether they were met
     """
 
     tasks: tuple
+    moves: tuple
     streams: dict
     deformation: deformation.Deformation | None
     deformed_at: int
@@ -82,14 +84,17 @@ class RunMetrics:
 def assess(run, goals=Goals()):
     """Evaluate a run (timeseries.RunData) against `goals`; Returns RunMetrics."""
     tasks = tuple(_task(run, window, goals) for window in run.tasks)
+    moves = tuple(move_metrics(run, window) for window in run.moves)
     streams = {r.topic: metrics.stream_quality(r.stamps, r.published) for r in run.topics}
     index, shape = (-1, None)
     if run.tissue is not None and len(run.tissue.t):
         index, shape = deformation.largest_deformation(run.tissue)
     first, last = run.span()
-    return RunMetrics(tasks, streams, shape, index,
+    return RunMetrics(tasks, moves, streams, shape, index,
                       metrics.real_time_factor(last - first, run.wall_time), goals,
-                      _targets(tasks, run.tasks_planned, streams, goals))
+                      (*_done('tasks done', len(tasks), run.tasks_planned),
+                       *_done('moves made', sum(move.made for move in moves), run.moves_planned),
+                       *_targets(tasks, streams, goals)))
 
 
 def task_rows(tasks):
@@ -105,9 +110,9 @@ def stream_rows(streams):
 
 
 def to_result(run, numbers):
-    """The run's tasks and goals in the common JSON form."""
-    return Result(run.name, run.seed, run.commit, run.machine, task_rows(numbers.tasks),
-                  numbers.targets)
+    """The run's tasks or moves, and goals, in the common JSON form."""
+    return Result(run.name, run.seed, run.commit, run.machine,
+                  (*task_rows(numbers.tasks), *move_rows(numbers.moves)), numbers.targets)
 
 
 def _task(run, window, goals):
@@ -174,11 +179,15 @@ def _row(task):
     }
 
 
-def _targets(tasks, planned, streams, goals):
+def _done(name, count, planned):
+    """The goal that all that was planned took place; none if nothing was."""
+    return () if planned is None else (
+        Target(name, count, '1', f'= {planned}', count == planned),)
+
+
+def _targets(tasks, streams, goals):
     limit = goals.steady_state_error * MM
-    reached = [] if planned is None else [
-        Target('tasks done', len(tasks), '1', f'= {planned}', len(tasks) == planned)]
-    reached += [Target(f'{task.name}: steady-state error ({task.response_from})',
+    reached = [Target(f'{task.name}: steady-state error ({task.response_from})',
                       task.steady_state_error * MM, 'mm', f'< {limit:g}',
                       bool(task.steady_state_error < goals.steady_state_error))
                for task in tasks if task.mode == 'closed_loop']

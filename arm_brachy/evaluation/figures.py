@@ -144,6 +144,22 @@ def _shared_legend(figure, axes):
 
 
 @styled
+def pad_travel(run):
+    """Travel of every pad over the run; for who wants to see what a probing protocol did."""
+    figure = new_figure(9.5, 2.8)
+    axis = figure.subplots()
+    for p in range(run.encoder.values.shape[1]):
+        axis.plot(run.encoder.t, run.encoder.values[:, p] * MM, color=colour(p), lw=1.2,
+                  label=_pad_name(run, p))
+    _mark_begins(axis, run)
+    axis.set(xlabel='time / s', ylabel='pad travel / mm')
+    axis.set_ylim(bottom=0.0)
+    axis.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))
+    return Plate('pad_travel', figure, (
+        'Travel of each pad from home, by its encoder. Vertical lines: a prescribed move began.'))
+
+
+@styled
 def pad_forces(run):
     """Contact force of every pad over the run, tasks shaded; for who minds the patient's skin."""
     figure = new_figure(9.5, 2.8)
@@ -151,16 +167,19 @@ def pad_forces(run):
     size = np.linalg.norm(run.force.values, axis=2)
     for p in range(size.shape[1]):
         axis.plot(run.force.t, size[:, p], color=colour(p), lw=1.2, label=_pad_name(run, p))
-    _mark_tasks(axis, run)
+    _mark_begins(axis, run)
     axis.set(xlabel='time / s', ylabel='contact force / N')
     axis.set_ylim(bottom=0.0)
     axis.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))
     return Plate('pad_forces', figure, (
-        'Size of the force between tissue and each pad. Vertical lines: a goal was set.'))
+        'Size of the force between tissue and each pad. Vertical lines: a goal was set, or a '
+        'prescribed move began.'))
 
 
-def _mark_tasks(axis, run):
+def _mark_begins(axis, run):
     top = axis.get_xaxis_transform()
+    for move in run.moves:  # too many for their names
+        axis.axvline(move.t_start, color='#9aa5ad', lw=0.9)
     for task in run.tasks:
         axis.axvline(task.t_start, color='#9aa5ad', lw=0.9)
         axis.text(task.t_start, 1.01, ' ' + task.name, transform=top, fontsize=8, va='bottom',

@@ -25,6 +25,10 @@ TASK_COLUMNS = (
     Column('Overshoot', 'mm (% of step)'), Column('Rise time', 's'),
     Column('Settling time', 's'), Column('Pad travel', 'mm'), Column('Peak force', 'N'))
 
+MOVE_COLUMNS = (
+    Column('Move', numeric=False), Column('Duration', 's'), Column('Deepest push', 'mm'),
+    Column('Pad travel', 'mm'), Column('Peak force', 'N'), Column('Made', numeric=False))
+
 TOPIC_COLUMNS = (
     Column('Topic', numeric=False), Column('Type', numeric=False), Column('Recorded', 'messages'),
     Column('Lost', 'messages'), Column('Rate', 'Hz'), Column('Jitter', 'ms'),
@@ -45,7 +49,8 @@ def write_report(run, numbers, out_html):
     return write_page(
         'report.html.j2', out_html, title=f'{run.name}: report', kind='arm_brachy run report',
         heading=run.name, verdict=_verdict(run, numbers), facts=_facts(numbers),
-        tasks=_task_grid(numbers), plates=pictures(plates(run, numbers)),
+        tasks=_task_grid(numbers), moves=_move_grid(run, numbers),
+        plates=pictures(plates(run, numbers)),
         goals=_goal_grid(numbers.targets), topics=_topic_grid(run, numbers),
         outcomes=_outcome_grid(run.outcomes), provenance=provenance(run), command=run.command,
         scenario=run.scenario)
@@ -57,6 +62,8 @@ def plates(run, numbers):
     for first in range(0, len(run.tasks), figures.COLUMNS):
         chunk = run.tasks[first:first + figures.COLUMNS]
         drawn.append(figures.time_response(run, chunk, numbers.goals.steady_state_error))
+    if run.moves and run.encoder is not None:
+        drawn.append(figures.pad_travel(run))
     if numbers.deformation is not None:
         drawn.append(body_view.body(run, numbers.deformed_at))
     if run.force is not None and len(run.force):
@@ -97,6 +104,8 @@ def _what_ran(run):
     modes = sorted({task.mode.replace('_', ' ') for task in run.tasks})
     targets = sorted({task.target for task in run.tasks})
     lasted = f'{last - first:.1f} s recorded' if np.isfinite(last - first) else 'nothing recorded'
+    if run.moves:
+        return f'{len(run.moves)} prescribed move{"s" if len(run.moves) > 1 else ""}; {lasted}.'
     if not run.tasks:
         return f'No task was set; {lasted}.'
     plural = 's' if len(run.tasks) > 1 else ''
@@ -139,6 +148,19 @@ def _task_grid(numbers):
             f'rise and settling from {_source(numbers.tasks)}. Pad travel: summed over the '
             f'pads. A dash: cannot be said.')
     return Grid(TASK_COLUMNS, tuple(_task_cells(task, limit) for task in numbers.tasks), note)
+
+
+def _move_grid(run, numbers):
+    note = ('Moves are prescribed, nothing is fed back. Deepest push: largest travel of any pad '
+            'from home, by its encoder. Pad travel: summed over the pads. A move is made if every '
+            'pad arrived. A dash: cannot be said.')
+    return Grid(MOVE_COLUMNS, tuple(
+        (Cell(move.name), Cell(number(move.duration, 1)),
+         Cell(number(move.deepest * MM, 1)),
+         Cell(number(move.pad_travel.sum() * MM if len(move.pad_travel) else np.nan, 1)),
+         Cell(number(move.peak_force.max() if len(move.peak_force) else np.nan)),
+         Cell('yes') if move.made else Cell(window.message or 'no', 'bad'))
+        for move, window in zip(numbers.moves, run.moves, strict=True)), note)
 
 
 def _source(tasks):

@@ -87,6 +87,32 @@ class TaskWindow:
 
 
 @dataclass(frozen=True)
+class Regime:
+    """A named interval of a recording ('hold', 'release', 'ringing'): [t_start, t_end] in s."""
+
+    name: str
+    t_start: float
+    t_end: float
+
+
+@dataclass(frozen=True)
+class MoveWindow:
+    """One prescribed move of the pads.
+
+    t_start, t_end : [s] first command, end of its last hold or of the attempt
+    regimes : Regime, as commanded: the pads follow a tick later
+    made : the pads arrived;  message : why not
+    """
+
+    name: str
+    t_start: float
+    t_end: float
+    regimes: tuple
+    made: bool
+    message: str = ''
+
+
+@dataclass(frozen=True)
 class Tissue:
     """Snapshots of the true tissue.
 
@@ -140,6 +166,7 @@ class RunData:
     commit, machine : what ran where;  command : what a person types to get this run again
     tasks : TaskWindow, in order of time, that were begun and are over
     tasks_planned : number of tasks in the scenario; None where there are none or nobody set goals
+    moves : MoveWindow, in order of time, that are over;  moves_planned : as tasks_planned
     truth : target name -> Series of (n, 3) [m]; empty on a real recording
     em : target name -> EmSamples
     encoder, command_position : Series of (n, p) [m], pushes from rest along the pads' directions
@@ -163,6 +190,8 @@ class RunData:
     recorded_at: str = ''
     tasks: tuple = ()
     tasks_planned: int | None = None
+    moves: tuple = ()
+    moves_planned: int | None = None
     truth: dict = field(default_factory=dict)
     em: dict = field(default_factory=dict)
     encoder: Series | None = None
@@ -185,15 +214,6 @@ class RunData:
         if not stamped:
             return np.nan, np.nan
         return min(s.min() for s in stamped), max(s.max() for s in stamped)
-
-
-@dataclass(frozen=True)
-class Regime:
-    """A named interval of a recording ('hold', 'release', 'ringing'): [t_start, t_end] in s."""
-
-    name: str
-    t_start: float
-    t_end: float
 
 
 @dataclass(frozen=True)

@@ -144,9 +144,10 @@ class ActuatorDriverNode(Node):
 
     def _move(self, t_ns, msg):
         """Move; what the driver itself refuses it says in the outcome of its next state."""
-        speed = msg.velocity if len(msg.velocity) else None
         try:
             q = cell.in_driver_order(msg.names, msg.position, self._names)
+            speed = cell.in_driver_order(msg.names, msg.velocity, self._names) \
+                if len(msg.velocity) else None
         except CommandRefused as refusal:
             self._refuse(t_ns, str(refusal))
             return

@@ -20,6 +20,7 @@ from arm_brachy_msgs.msg import (
     OpticalFrame,
     PadState,
     StepOutcome,
+    TaskState,
     ToolStatus,
 )
 
@@ -65,10 +66,10 @@ def joint_state(t_ns, frame, names, state):
                       velocity=floats(state.velocity), effort=floats(state.effort))
 
 
-def actuator_command(t_ns, frame, names, q):
-    """ActuatorCommand MOVE to q (p,) [m]."""
+def actuator_command(t_ns, frame, names, q, speed=()):
+    """ActuatorCommand MOVE to q (p,) [m] at most at speed (p,) [m/s]; () = as fast as it can."""
     return ActuatorCommand(header=header(t_ns, frame), mode=ActuatorCommand.MODE_MOVE,
-                           names=list(names), position=floats(q))
+                           names=list(names), position=floats(q), velocity=floats(speed))
 
 
 def pad_state(t_ns, frame, names, pads):
@@ -159,6 +160,12 @@ def reading(msg):
     return Reading(nanoseconds(msg) * 1e-9, tuple(msg.names), positions_of(msg),
                    rotations_of(msg), np.reshape(msg.pad_displacement, (-1, 3)),
                    np.reshape(msg.pad_force, (-1, 3)), np.reshape(msg.pad_moment, (-1, 3)))
+
+
+def move_state(t_ns, frame, event):
+    """TaskState from a control.move_events.Event; a prescribed move has no target."""
+    return TaskState(header=header(t_ns, frame), state=event.status, index=event.index,
+                     name=event.name, message=event.message)
 
 
 def manipulation_state(t_ns, frame, pursuit, step):

@@ -6,11 +6,11 @@ from std_srvs.srv import Trigger
 
 from arm_brachy import cell, graph
 from arm_brachy.control.goal import Goal, GoalKind
-from arm_brachy.control.safety import Permission
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.permission import PermissionWatch
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
 from arm_brachy_msgs.srv import SetGoal
@@ -33,11 +33,7 @@ class MpcManipulatorNode(Node):
         setup = parameters.node_setup(self)
         self._frame, self._names = setup.frame, [p.name for p in setup.cell.scene.pads]
         self._control = cell.build_controller(setup.cell)
-        if graph.SUPERVISOR.name in setup.peers:
-            self._control.permit(Permission.HOLD, 'no word from the supervisor yet')
-        # in lockstep the clock waits for the supervisor, so it is never silent
-        self._patience = None if setup.lockstep else setup.cell.scenario.limits.silence
-        self._permitted_ns = None
+        self._permission = PermissionWatch(setup, self._control.permit)
         ticker = Ticker(self, graph.MPC_MANIPULATOR, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
         self._command_pub = ticker.publisher(graph.COMMAND)
@@ -54,10 +50,7 @@ class MpcManipulatorNode(Node):
         ticker.start()
 
     def _work(self, tick, t_ns, inputs):
-        for msg in inputs[graph.SAFETY.name]:
-            self._permitted_ns = convert.nanoseconds(msg)
-            self._control.permit(Permission(msg.state), msg.reason)
-        self._check_permission(t_ns)
+        self._permission.hear(t_ns, inputs[graph.SAFETY.name])
         for name, tool in self._poses.items():
             for msg in inputs[name]:
                 self._control.hear(tool, convert.nanoseconds(msg) * 1e-9,
@@ -69,15 +62,6 @@ class MpcManipulatorNode(Node):
             self._publish(t_ns, step)
         self._health.beat(t_ns, lambda: {'target': self._control.target,
                                          'active': self._control.active})
-
-    def _check_permission(self, t_ns):
-        """Silence of the supervisor withdraws its permission: the bank does not move either."""
-        if self._patience is None or self._permitted_ns is None:
-            return
-        silence = (t_ns - self._permitted_ns) * 1e-9
-        if silence > self._patience:
-            self._control.permit(Permission.HOLD,
-                                 f'no word from the supervisor for {silence:.1f} s')
 
     def _feel(self, t_ns, msg):
         """Take the encoders in the scene's order of pads."""

@@ -1,25 +1,19 @@
 """ROS 2 shell of the clinician's side: walks through the scenario's tasks."""
 
-import time
-
-import numpy as np
 from rclpy.node import Node
-from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from arm_brachy import graph
-from arm_brachy.control.sequencer import HOME, REST, Action, Sequencer
-from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.control.sequencer import Action, Sequencer, at_home
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.progress import Progress
+from arm_brachy.nodes.service_calls import ServiceCalls
 from arm_brachy.nodes.spin import spin_node
-from arm_brachy.nodes.ticker import Ticker, call_every, listen_to
+from arm_brachy.nodes.ticker import Ticker, listen_to
 from arm_brachy_msgs.msg import SafetyState, TaskState
 from arm_brachy_msgs.srv import SetGoal
-
-PATIENCE_S = 30.0  # with a service; the longest takes one solve of the model
 
 
 class OperatorNode(Node):
@@ -40,14 +34,14 @@ class OperatorNode(Node):
         self._frame, self._lockstep = setup.frame, setup.lockstep
         self._tasks = setup.cell.scenario.tasks
         self._sequencer = Sequencer(self._tasks, setup.cell.scenario.settle)
-        self._goal_client = self.create_client(SetGoal, 'mpc_manipulator/set_goal')
-        self._abort_client = self.create_client(Trigger, 'mpc_manipulator/abort')
-        self._home_client = self.create_client(Trigger, 'actuator_driver/home')
-        self._state, self._at_home = None, False
-        self._progress, self._asked = Progress(), None
+        self._calls = ServiceCalls(self)
+        self._goal_client = self._calls.client(SetGoal, 'mpc_manipulator/set_goal')
+        self._abort_client = self._calls.client(Trigger, 'mpc_manipulator/abort')
+        self._home_client = self._calls.client(Trigger, 'actuator_driver/home')
+        self._state, self._at_home, self._progress = None, False, Progress()
         ticker = Ticker(self, graph.OPERATOR, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
-        ticker.unready = self._unready
+        ticker.unready = self._calls.unready
         self._permitted = setup.lockstep or graph.SUPERVISOR.name not in setup.peers
         if not self._permitted:
             listen_to(self, graph.SAFETY, self._on_safety, lockstep=False)
@@ -55,26 +49,14 @@ class OperatorNode(Node):
         self._health = Health(self, ticker, self._frame)
         for topic in graph.OPERATOR.subscribes:
             ticker.subscribe(topic)
-        call_every(self, 1.0, self._watch)
         ticker.start()
-
-    def _unready(self):
-        """Services that are not there yet: a request sent to nobody is never answered."""
-        clients = (self._goal_client, self._abort_client, self._home_client)
-        return [c.srv_name for c in clients if not c.service_is_ready()]
 
     def _on_safety(self, msg):
         self._permitted = self._permitted or msg.state == SafetyState.RUN
 
-    def _watch(self):
-        if self._asked is not None and time.monotonic() - self._asked > PATIENCE_S:
-            raise ArmBrachyError(f'operator: a service has not answered for {PATIENCE_S:.0f} s; '
-                                 'see the logs of mpc_manipulator and actuator_driver')
-
     def _work(self, tick, t_ns, inputs):
         for msg in inputs[graph.ACTUATORS.name]:
-            q, v = np.asarray(msg.position), np.asarray(msg.velocity)
-            self._at_home = bool(np.all(q < HOME) and np.all(np.abs(v) < REST))
+            self._at_home = at_home(msg.position, msg.velocity)
         if not self._permitted:
             return None
         action = self._sequencer.step(t_ns * 1e-9, self._at_home)
@@ -94,16 +76,10 @@ class OperatorNode(Node):
         request = SetGoal.Request(
             header=convert.header(t_ns, self._frame), target=task.target, relative=True,
             goal=convert.point(task.displacement), axes=[a in task.axes for a in 'xyz'])
-        finished = self._pending()
+        finished = self._calls.begin()
         future = self._goal_client.call_async(request)
         future.add_done_callback(
             lambda f: self._goal_set(t_ns, task, request, f.result(), finished))
-        return finished
-
-    def _pending(self):
-        """The answer to this tick, due when the service calls made in it are done."""
-        self._asked, finished = time.monotonic(), Future()
-        finished.add_done_callback(lambda _: setattr(self, '_asked', None))
         return finished
 
     def _goal_set(self, t_ns, task, request, answer, finished):
@@ -120,7 +96,7 @@ class OperatorNode(Node):
 
     def _release(self, t_ns):
         self._say(t_ns, TaskState.DONE)
-        finished = self._pending()
+        finished = self._calls.begin()
         aborted = self._abort_client.call_async(Trigger.Request())
 
         def go_home(_):

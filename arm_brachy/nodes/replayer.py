@@ -67,7 +67,7 @@ class ReplayerNode(Node):
         if short is None or short in (graph.CLOCK, graph.TICK_DONE):
             return
         local = name if short.matches(name) else name[1:]
-        speakers = graph.writers(local, [n.name for n in graph.NODES])
+        speakers = graph.writers(local, (*self._absent, *self._live))
         if len(speakers) != 1 or speakers[0] not in self._absent:
             return
         if type_name != short.type:

@@ -7,6 +7,7 @@ import pytest
 
 from arm_brachy import inprocess
 from arm_brachy.control.safety import Permission
+from arm_brachy.control.sequencer import HOME
 from arm_brachy.core import config
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.outcome import Outcome
@@ -74,7 +75,7 @@ def test_pads_only_push_while_a_goal_is_pursued(closed):
 
 
 def test_pads_are_home_at_the_end(closed):
-    assert np.all(closed.encoder.values[-1] < inprocess.HOME)
+    assert np.all(closed.encoder.values[-1] < HOME)
 
 
 def test_streams_come_at_the_rates_of_their_devices(closed):
@@ -206,7 +207,7 @@ def test_too_much_force_is_an_emergency_stop():
 
 def test_without_tasks_it_is_over_at_the_first_tick():
     loop = inprocess.InProcess(make(tasks=[]))
-    assert loop.tasks_over
+    assert loop.work_over
     loop.tick()
     assert loop.finished and loop.data().tasks == ()
 

@@ -7,7 +7,7 @@ import pytest
 
 from arm_brachy.core.errors import InputError
 from arm_brachy.evaluation import assess
-from arm_brachy.evaluation.timeseries import EmSamples
+from arm_brachy.evaluation.timeseries import EmSamples, MoveWindow
 
 TAU, STEP, NOISE = 0.8, 5e-3, 0.05e-3
 
@@ -72,6 +72,19 @@ def test_a_task_that_never_ran_is_a_missed_goal(run, done, met):
 
 def test_a_run_that_planned_no_tasks_is_not_held_to_any(numbers):
     assert 'tasks done' not in [goal.name for goal in numbers.targets]
+
+
+@pytest.mark.parametrize(('made', 'met'), [((True, True), True), ((True, False), False),
+                                           ((True,), False)])
+def test_a_move_that_was_not_made_is_a_missed_goal(run, made, met):
+    windows = tuple(MoveWindow(f'move {i}', i, i + 1.0, (), ok) for i, ok in enumerate(made))
+    probed = dataclasses.replace(run, tasks=(), moves=windows, moves_planned=2)
+    numbers = assess.assess(probed)
+    goals = {goal.name: goal for goal in numbers.targets}
+    assert (goals['moves made'].value, goals['moves made'].met) == (sum(made), met)
+    assert 'tasks done' not in goals
+    rows = assess.to_result(probed, numbers).rows
+    assert [row['made'] for row in rows] == list(made)
 
 
 def test_task_without_any_position_is_refused(run):

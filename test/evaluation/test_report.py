@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 import pytest
 
 from arm_brachy.evaluation import assess, report, residual_report
+from arm_brachy.evaluation.timeseries import MoveWindow
 
 VOID = {'meta', 'img', 'br', 'link', 'hr'}
 
@@ -78,6 +79,18 @@ def test_bare_recording_gets_a_page_without_guesses(run, tmp_path):
     assert 'losses not counted' in text
     assert 'stretch' not in text
     assert '<script>' not in out.read_text(encoding='utf-8')
+
+
+def test_report_of_moves_speaks_of_moves(run, tmp_path):
+    windows = (MoveWindow('deep push', 1.0, 4.0, (), True),
+               MoveWindow('pair', 4.0, 7.0, (), False, 'pad stands 3.0 mm short'))
+    kept = tuple(r for r in run.topics if r.topic != 'optical/frame')
+    probed = dataclasses.replace(run, tasks=(), moves=windows, moves_planned=2, topics=kept)
+    page, text = read(report.write_report(probed, assess.assess(probed), tmp_path / 'a.html'))
+    assert '1 of 2 goals missed: moves made 1 (required = 2). 2 prescribed moves;' in text
+    assert 'Deepest push' in text and 'pad stands 3.0 mm short' in text
+    assert 'Overshoot' not in text and 'No task' not in text
+    assert len(page.fetched) == 4   # pad travel, body, forces, streams
 
 
 def test_run_that_meets_its_goals_says_so(run, tmp_path):

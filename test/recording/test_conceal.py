@@ -21,6 +21,7 @@ plant: {E_kPa: 77.125, terms: [{name: secretterm, width_mm: 0.875}]}
 model: {E_kPa: 6.0}
 tick_ms: 20.0
 tasks: [{name: left, target: t1, axes: [x]}]
+moves: [{name: right, speed_mm_s: 2}]
 unforeseen: secretkey
 """
 SCENE_TEXT = 'name: secretscene\ndescription: secretscenery\nmarkers: [{name: m0}]\n'
@@ -56,6 +57,7 @@ def test_no_secret_is_left(source, tmp_path):
     scenario = YAML(typ='safe').load(bag.attachment_text(SCENARIO))
     assert scenario['model'] == {'E_kPa': 6.0}
     assert (scenario['tasks'][0]['name'], scenario['seed']) == ('left', 0)
+    assert scenario['moves'][0] == {'name': 'right', 'speed_mm_s': 2}
     assert set(bag.attachments()) == {SCENARIO, SCENE, 'mesh_scene.npz'}
     assert YAML(typ='safe').load(bag.attachment_text(SCENE))['markers'] == [{'name': 'm0'}]
 
