@@ -34,12 +34,13 @@ class FreeDofs:
         """
         return matrix.data[self._take]
 
-    def solver(self, *, positive_definite=True):
+    def solver(self, *, positive_definite=True, single=False):
         """Return a Pardiso analysed for the reduced pattern.
 
-        positive_definite : as in `Pardiso`
+        positive_definite, single : as in `Pardiso`
         """
-        return Pardiso(self.indptr, self.indices, positive_definite=positive_definite)
+        return Pardiso(self.indptr, self.indices, positive_definite=positive_definite,
+                       single=single)
 
 
 def held_nodes(body):

@@ -37,18 +37,21 @@ class Pardiso:
     indptr, indices : compressed rows of the upper triangle, diagonal included, columns sorted
     positive_definite : Cholesky, which refuses anything else; False takes L D L' with
         2 x 2 pivots for symmetric indefinite matrices
+    single : keep the factor in single precision: half the time and memory; a solve is good to
+        some 1e-5 of itself, which iterations mend that take their residual in double precision
     Not to be shared between threads. The factor is released when the object goes.
     """
 
-    def __init__(self, indptr, indices, *, positive_definite=True):
+    def __init__(self, indptr, indices, *, positive_definite=True, single=False):
         self.size = len(indptr) - 1
         _check_pattern(indptr, indices)
         self._mtype = _POSITIVE_DEFINITE if positive_definite else _INDEFINITE
         self._indptr = np.ascontiguousarray(indptr, dtype=np.int32)
         self._indices = np.ascontiguousarray(indices, dtype=np.int32)
-        self._data = np.zeros(len(indices))
+        self._float = np.float32 if single else np.float64
+        self._data = np.zeros(len(indices), self._float)
         self._handle = np.zeros(64, dtype=np.int64)
-        self._iparm = _parameters(positive_definite)
+        self._iparm = _parameters(positive_definite, single)
         self._factorised = False
         # A finaliser, not __del__: it also runs, in time, when the interpreter leaves.
         self._free = weakref.finalize(self, _release, self._handle, self._mtype, self._iparm)
@@ -68,13 +71,18 @@ class Pardiso:
         """Return A^-1 b for b (size,) or (size, k); `factor` must have succeeded before."""
         if not self._factorised:
             raise FactorisationFailed('solve called without a factor; call factor first')
-        b = np.array(b, dtype=float, order='F')
+        b = np.array(b, dtype=self._float, order='F')
         if b.shape[0] != self.size:
             raise ValueError(f'right-hand side has {b.shape[0]} rows; must be {self.size}')
         x = np.empty_like(b, order='F')
         if b.size:
             self._call(_SOLVE, b, x)
-        return np.ascontiguousarray(x)
+        return np.ascontiguousarray(x, dtype=float)
+
+    @property
+    def flops_per_entry(self):
+        """Operations that a factorisation takes for each entry of the factor."""
+        return 1e6 * self._iparm[18] / max(1, self._iparm[17])
 
     @property
     def factorised(self):
@@ -118,16 +126,19 @@ def _pardiso(phase, handle, mtype, iparm, data, indptr, indices, b, x):
 
 
 def _pointer(array, kind):
+    """As MKL's wrapper declares it; values in single precision travel under double's name."""
     return None if array is None else array.ctypes.data_as(ctypes.POINTER(kind))
 
 
-def _parameters(positive_definite):
+def _parameters(positive_definite, single):
     """PARDISO's iparm (0-based here), values from the oneMKL reference, table of iparm."""
     iparm = np.zeros(64, dtype=np.int32)
     iparm[0] = 1    # the values below, not the defaults
     iparm[1] = 2    # METIS nested dissection
     iparm[7] = 0    # no iterative refinement: the Newton iteration is the refinement
     iparm[9] = 8    # pivots below 1e-8 |A| are perturbed (indefinite matrices)
+    iparm[17] = iparm[18] = -1  # the analysis reports entries of the factor and its Mflop
+    iparm[27] = int(single)
     iparm[20] = 1   # 1 x 1 and 2 x 2 Bunch-Kaufman pivots (indefinite matrices)
     iparm[34] = 1   # indices count from 0
     return iparm

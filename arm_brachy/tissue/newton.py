@@ -11,6 +11,7 @@ from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.free_dofs import FreeDofs, held_nodes
 from arm_brachy.tissue.linear_solver import FactorisationFailed
+from arm_brachy.tissue.secants import Secants
 
 
 @dataclass(frozen=True)
@@ -23,11 +24,10 @@ class NewtonOptions:
                'one step old; six decades below the sensors')
     max_iterations: int = 40            # per load step; a healthy step takes 3 to 8
     max_bisections: int = 8             # smallest load step 2^-8 of the command
-    # Keep the old factor while, at the rate at which corrections shrink, at most so many are still
-    # to come: tangent and factor cost as much as 4 (2398 linear elements) to 12 (quadratic ones).
-    patience: float = 8.0
-    # `follow` may use an old factor longer: five cheap corrections cost as much as a new factor.
-    chord: float = 0.3
+    # Keep the old factor while, at the rate at which corrections have shrunk since it was made, at
+    # most so many are still to come, besides those that cost as much as a new factor: with one,
+    # some four would be left.
+    patience: float = 4.0
     # A load step whose linear prediction leaves an element less than this part of its volume is
     # halved: back from there costs more iterations than two steps (dome, 20 mm: 24 against 15).
     crushing: float = 0.3
@@ -59,6 +59,16 @@ class StaticSolution:
     outcome: Outcome
 
 
+# What one correction costs, an evaluation and a back-solve, in operations of a factorisation for
+# each entry of the factor. Measured on 2398 tetrahedra: a factor costs as much as 5 corrections
+# (linear, 130 operations an entry) or 15 (quadratic, 450).
+CORRECTION = 30.0
+# Relative error of a back-solve in single precision above which it is done in double: a body of
+# tissue has 1e-5, one a million times stiffer than its support has 1.
+WORST_SOLVE = 1e-2
+NEAR = 1e4  # corrections of so many tolerances belong to a state that is all but converged
+
+
 class _Failed(NotConverged):
     """One load step did not reach equilibrium; `outcome` says why."""
 
@@ -81,7 +91,11 @@ class StaticSolver:
         self.options = NewtonOptions() if options is None else options
         self.assembler = Assembler(body) if assembler is None else assembler
         self.free = FreeDofs(self.assembler, held_nodes(body))
-        self._factor = self.free.solver()
+        # Corrections are found in single precision, with what they teach about the tangent; their
+        # residual is double. Where that does not do (`_factorise`), and for derivatives, there is
+        # a factor in double, made when first wanted.
+        self._single, self._double = self.free.solver(single=True), None
+        self._factor, self._secants = self._single, Secants()
         self._tangent, self._shifted = None, False
         self._left = 0.0   # residual [N] of the last state that `follow` found converged
 
@@ -131,12 +145,11 @@ class StaticSolver:
     def follow(self, x0, held_at, fields=None):
         """The same as `solve_held`, faster where states succeed each other in small steps.
 
-        Corrections reuse the last factor, however old, as long as each is at most `chord` times
-        the one before; otherwise `solve_held` takes over. The state returned, before the last
-        correction, is off by up to tolerance / (1 - chord), the rest of a geometric series. A
-        first correction has no ratio and ends nothing, however small, unless no more force is out
-        of balance than the last call left. On 2325 tetrahedra it gains 10 to 30 % up to 0.1 mm a
-        step and loses from 1 mm on (test/benchmark/newton_steps.py).
+        Corrections reuse the last factor, however old, and all that was learnt since, as long as
+        they shrink fast enough; otherwise `solve_held` takes over. A first correction ends
+        nothing, however small, unless no more force is out of balance than the last call left. The
+        state returned is that before the last correction: off by about the tolerance.
+        test/benchmark/newton_steps.py says what it gains for which step.
         """
         fields = StepFields.of(self.body) if fields is None else fields
         found = None
@@ -150,35 +163,45 @@ class StaticSolver:
     def _chord(self, x, held_at, fields):
         """StaticSolution by the old factor, or None where it does not serve any more."""
         x[self.free.held] = held_at[self.free.held]
-        last = np.inf
+        pace, before, direction = _Pace(), None, None
         for iterations in range(self.options.max_iterations):
             state = self.assembler.evaluate(x, fields)
             if not state.min_J > 0.0:
                 return None
+            if before is not None:
+                self._learn(direction, before, state)
             direction = self._correction(state)
             size = np.abs(direction).max(initial=0.0)
-            if size > self.options.chord * last:
+            if self._impatient(pace.outstanding(size, self.options.tolerance)):
                 return None
             residual = np.abs(state.forces[self.free.free]).max(initial=0.0)
             if size <= self.options.tolerance and (iterations or residual <= self._left):
                 counts = {'iterations': iterations, 'factorisations': 0, 'load_steps': 1}
                 return self._solution(x, state, counts, Outcome.OK)
-            x, last = x + direction, size
+            x, before = x + direction, state
         return None
 
     def linearise(self, x, fields=None):
         """Return (K, factor) at x (n, 3) [m]: the full tangent and the solver of its free part.
 
-        fields : as in `solve`. `factor` (a Pardiso) is good until the next call of this object.
+        fields : as in `solve`. `factor` (a Pardiso) is good until the next call of `linearise`,
+            or of a solve that comes upon a tangent which is all but indefinite.
         Raises NotConverged where the free part is not positive definite (no stable equilibrium).
         """
         tangent = self.assembler.tangent(x, fields)
+        exact = self._exact()
+        if self._factor is exact:  # `follow` will go on from this state's
+            self._secants.clear()
         try:
-            self._factor.factor(self.free.upper(tangent))
+            exact.factor(self.free.upper(tangent))
         except FactorisationFailed as error:
             raise NotConverged(f'no linearisation at this state: {error}') from None
-        self._shifted = False
-        return tangent, self._factor
+        return tangent, exact
+
+    def _exact(self):
+        if self._double is None:
+            self._double = self.free.solver()
+        return self._double
 
     def _solution(self, x, state, counts, outcome):
         forces = state.forces if state.min_J > 0.0 else np.full_like(state.forces, np.nan)
@@ -203,6 +226,7 @@ class StaticSolver:
         excess[self.free.free] = start.forces[self.free.free]
         way = np.zeros_like(x0)
         way[self.free.held] = (held_at - x0)[self.free.held]
+        self._factor, self._shifted = self._single, False
         x, t, step, state = x0, 0.0, 1.0, start
         while t < 1.0:
             ahead = min(1.0, t + step)
@@ -224,37 +248,46 @@ class StaticSolver:
 
     def _load_step(self, x, state, way, fields, counts):
         """Equilibrium (x, its Evaluation) after the held nodes moved by `way`; raises _Failed."""
-        size, patience = np.inf, self.options.patience
+        tolerance = self.options.tolerance
         self._factorise(x, fields, counts)
         if way.any():
-            x, state, size = self._predict(x, way, state, fields, counts)
-        fresh = not way.any()
+            x, state = self._predict(x, way, state, fields, counts)
+        pace, fresh = _Pace(), not way.any()
         for _ in range(self.options.max_iterations):
             direction = self._correction(state)
-            last, size = size, np.abs(direction).max(initial=0.0)
-            if size <= self.options.tolerance and not self._shifted:
-                return x, state
-            if not fresh and (self._shifted or self._outstanding(size, last) > patience):
-                self._factorise(x, fields, counts)
+            size = np.abs(direction).max(initial=0.0)
+            if size <= tolerance and not self._shifted:
+                # Made all the same: what single precision has missed of a stiff body's balance.
+                return x + direction, self.assembler.evaluate(x + direction, fields)
+            left = pace.outstanding(size, tolerance)
+            if not fresh and (self._shifted or self._impatient(left)):
+                self._factorise(x, fields, counts, near=size <= NEAR * tolerance)
                 direction = self._correction(state)
-                size = np.abs(direction).max(initial=0.0)
-            x, state = self._line_search(x, state, direction, fields)
+                pace = _Pace()
+                pace.outstanding(np.abs(direction).max(initial=0.0), tolerance)
+            before = state
+            x, state, step = self._line_search(x, state, direction, fields)
+            self._learn(step, before, state)
             counts['iterations'] += 1
             fresh = False
         raise _Failed(Outcome.NOT_CONVERGED)
 
-    def _outstanding(self, size, last):
-        """Corrections to come if each is size / last times the one before; inf if they grow."""
-        if not size < last:
-            return np.inf
-        return np.log(self.options.tolerance / size) / np.log(size / last)
+    def _impatient(self, outstanding):
+        """True if a new factor is cheaper than so many corrections still to come."""
+        worth = self._single.flops_per_entry / CORRECTION
+        return outstanding > self.options.patience + worth
 
     def _correction(self, state):
         """Displacements (n, 3) of the free nodes that cancel the force out of balance."""
         direction = np.zeros_like(state.forces)
-        direction[self.free.free] = -self._factor.solve(
-            state.forces[self.free.free].ravel()).reshape(-1, 3)
+        direction[self.free.free] = -self._secants.solve(
+            self._factor, state.forces[self.free.free].ravel()).reshape(-1, 3)
         return direction
+
+    def _learn(self, step, before, after):
+        """Take in how the forces changed from one Evaluation to the next along `step` (n, 3)."""
+        free = self.free.free
+        self._secants.learn(step[free].ravel(), (after.forces - before.forces)[free].ravel())
 
     def _predict(self, x, way, state, fields, counts):
         """Move the held nodes and let the free ones follow the tangent, lest any be crushed."""
@@ -266,12 +299,20 @@ class StaticSolver:
         if not ahead.min_J > self.options.crushing * state.min_J:
             raise _Failed(Outcome.INVERTED_ELEMENT)
         counts['iterations'] += 1
-        return x + move, ahead, np.abs(move).max()
+        return x + move, ahead
 
-    def _factorise(self, x, fields, counts):
-        """Factorise the tangent at x; where it is indefinite, the nearest that is not."""
+    def _factorise(self, x, fields, counts, *, near=False):
+        """Factorise the tangent at x; where it is indefinite, the nearest that is not.
+
+        near : x is all but converged; that it is indefinite is then checked in double precision
+        """
+        self._secants.clear()
         self._tangent = self.assembler.tangent(x, fields)
-        self._shifted = not self._factored(self.free.upper(self._tangent), counts)
+        upper = self.free.upper(self._tangent)
+        self._shifted = not self._factored(upper, counts)
+        if self._factor is self._single and (near if self._shifted else self._inaccurate()):
+            self._factor = self._exact()
+            self._shifted = not self._factored(upper, counts)
         if not self._shifted:
             return
         self._tangent = self.assembler.tangent(x, fields, convex=True)
@@ -285,6 +326,13 @@ class StaticSolver:
             shift = added
         raise _Failed(Outcome.NOT_CONVERGED)
 
+    def _inaccurate(self):
+        """True if the factor does not know the tangent's softest motions, of which this is one."""
+        known = np.zeros(self._tangent.shape[0])
+        known[self.free.dofs] = 1.0
+        found = self._factor.solve((self._tangent @ known)[self.free.dofs])
+        return np.abs(found - 1.0).max(initial=0.0) > WORST_SOLVE
+
     def _factored(self, upper, counts):
         """True if the matrix is positive definite; then `_factor` holds its factor."""
         counts['factorisations'] += 1
@@ -295,14 +343,17 @@ class StaticSolver:
         return True
 
     def _line_search(self, x, state, direction, fields):
-        """Halve the step until the potential falls enough and no element is inverted."""
+        """Halve the step until the potential falls enough and no element is inverted.
+
+        Returns (x, its Evaluation, the step made), x and step (n, 3).
+        """
         slope = float(np.sum(state.forces * direction))
         length, inverted = 1.0, False
         for _ in range(self.options.max_backtracks):
             ahead = self.assembler.evaluate(x + length * direction, fields)
             inverted = not ahead.min_J > 0.0
             if not inverted and self._acceptable(state, ahead, direction, slope, length):
-                return x + length * direction, ahead
+                return x + length * direction, ahead, length * direction
             length /= 2.0
         raise _Failed(Outcome.INVERTED_ELEMENT if inverted else Outcome.NOT_CONVERGED)
 
@@ -314,6 +365,25 @@ class StaticSolver:
         noise = 1e-10 * max(abs(state.energy), abs(ahead.energy))
         new_slope = float(np.sum(ahead.forces * direction))
         return ahead.energy <= state.energy + noise and abs(new_slope) <= 0.5 * abs(slope)
+
+
+class _Pace:
+    """How fast the corrections with one factor shrink, the first being the measure."""
+
+    def __init__(self):
+        self._first, self._made = None, 0
+
+    def outstanding(self, size, tolerance):
+        """Corrections still to come, `size` being the latest [m]; inf if they do not shrink."""
+        if self._first is None:
+            self._first = size
+            return 0.0
+        self._made += 1
+        if size <= tolerance:
+            return 0.0
+        if not size < self._first:
+            return np.inf
+        return np.log(tolerance / size) * self._made / np.log(size / self._first)
 
 
 def _with_force(fields, force):

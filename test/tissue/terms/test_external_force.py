@@ -98,7 +98,7 @@ def test_it_acts_in_its_window_only():
     simulator.settle()
     moved = {t: np.abs(simulator.step(t, NO_PADS).x - simulator.body.mesh.nodes).max()
              for t in (0.5, 1.0, 1.01, 1.5, 1.51, 2.0)}
-    assert moved[0.5] == moved[1.0] == 0.0
+    assert max(moved[0.5], moved[1.0]) < 1e-15  # rounding of 0.06 m
     assert moved[1.01] > 1e-4 and moved[1.5] == pytest.approx(moved[1.01])
     assert moved[1.51] < 1e-8 and moved[2.0] < 1e-8
 

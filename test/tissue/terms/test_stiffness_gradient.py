@@ -52,7 +52,7 @@ def test_parallel_bar_bears_force_off_its_axis_and_moves_as_before():
     assert -graded.pad_force[0, 2] == pytest.approx(force, rel=5e-3)
     first_moment = 2.0 * (a * math.cosh(a) - math.sinh(a)) / g**2
     assert graded.pad_moment[0, 1] == pytest.approx(STRAIN * E * WIDTH * first_moment, rel=0.08)
-    assert abs(plain.pad_moment[0, 1]) < 1e-6 * graded.pad_moment[0, 1]
+    assert abs(plain.pad_moment[0, 1]) < 1e-5 * graded.pad_moment[0, 1]  # 0, as nearly as solved
 
 
 def test_poissons_ratio_stays_and_opposite_gradients_are_mirror_images():
