@@ -22,7 +22,7 @@ from arm_brachy.devices.actuator_driver import load_driver
 from arm_brachy.devices.em_tracker import EmTracker
 from arm_brachy.devices.force_sensor import ForceSensor
 from arm_brachy.devices.optical_tracker import OpticalTracker
-from arm_brachy.tissue.build import build_body
+from arm_brachy.tissue.build import build_body, placement_mesh
 from arm_brachy.tissue.mesh import boundary_faces, embed, interpolate, rotations
 from arm_brachy.tissue.simulator import TissueSimulator
 
@@ -60,18 +60,19 @@ class Body:
         self.surface = boundary_faces(self.mesh)
         self._simulator = TissueSimulator(self._body, terms, dynamics=scene.dynamics)
         self.pad_names = self._body.pad_names
-        self._directions = np.array([p.direction for p in self._body.pads]).reshape(-1, 3)
+        true_pads = self._simulator.body.pads
+        self._directions = np.array([p.direction for p in true_pads]).reshape(-1, 3)
         markers, targets = scene.markers, scene.targets
         self.point_names = tuple(m.name for m in (*markers, *targets))
         self._rest = np.array([m.position for m in (*markers, *targets)]).reshape(-1, 3)
         self._carrier = [m.body for m in markers] + ['tissue'] * len(targets)
-        for pad, true in zip(self._body.pads, self._simulator.body.pads, strict=True):
+        for pad, true in zip(self._body.pads, true_pads, strict=True):
             # where a term has moved a pad at rest, it has moved what is fixed to it
             self._rest[[c == pad.name for c in self._carrier]] += true.centre - pad.centre
         self._in_tissue = np.array([c == 'tissue' for c in self._carrier], dtype=bool)
         names = [n for n, inside in zip(self.point_names, self._in_tissue, strict=True) if inside]
-        # in the scene's mesh: a term that changes the shape takes material points along
-        self._embedding = embed(self.mesh, self._rest[self._in_tissue], names=names)
+        self._embedding = embed(placement_mesh(self.mesh, self._simulator.body),
+                                self._rest[self._in_tissue], names=names)
         self._check_carriers(scene)
 
     def _check_carriers(self, scene):
@@ -102,8 +103,9 @@ class Body:
         points, turns = self._rest.copy(), np.tile(np.eye(3), (len(self._rest), 1, 1))
         points[self._in_tissue] = interpolate(self._embedding, state.x)
         turns[self._in_tissue] = rotations(self._embedding, state.x)
-        for i, pad in enumerate(self.pad_names):
-            points[[c == pad for c in self._carrier]] += displacement[i]
+        for carrier, shift in (*zip(self.pad_names, displacement, strict=True),
+                               ('base', state.base)):
+            points[[c == carrier for c in self._carrier]] += shift
         return Reading(state.t, self.point_names, points, turns, displacement, state.pad_force,
                        state.pad_moment, state.x, state.outcome, state.iterations)
 

@@ -24,30 +24,40 @@ from arm_brachy.devices.terms.force_gain import ForceGain
 from arm_brachy.devices.terms.lost_steps import LostSteps
 from arm_brachy.devices.terms.marker_slip import MarkerSlip
 from arm_brachy.devices.terms.optical_scale import OpticalScale
+from arm_brachy.tissue.terms.anisotropy import Anisotropy
 from arm_brachy.tissue.terms.base_compliance import BaseCompliance
+from arm_brachy.tissue.terms.base_debond import BaseDebond
+from arm_brachy.tissue.terms.breathing import Breathing
 from arm_brachy.tissue.terms.compressibility import Compressibility
 from arm_brachy.tissue.terms.damping import Damping
 from arm_brachy.tissue.terms.external_force import ExternalForce
 from arm_brachy.tissue.terms.gravity import Gravity
 from arm_brachy.tissue.terms.inclusion import Inclusion
+from arm_brachy.tissue.terms.obstacle import Obstacle
+from arm_brachy.tissue.terms.pad_misplacement import PadMisplacement
+from arm_brachy.tissue.terms.pad_slip import PadSlip
 from arm_brachy.tissue.terms.reference_shape import ReferenceShape
 from arm_brachy.tissue.terms.skin_layer import SkinLayer
 from arm_brachy.tissue.terms.stiffness_drift import StiffnessDrift
 from arm_brachy.tissue.terms.stiffness_gradient import StiffnessGradient
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
+from arm_brachy.tissue.terms.strain_stiffening import StrainStiffening
 from arm_brachy.tissue.terms.stress_softening import StressSoftening
+from arm_brachy.tissue.terms.swelling_drift import SwellingDrift
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
 # Order is the order of application.
 TERMS = (
-    # What is placed in the body or on it is placed in its true shape.
-    ReferenceShape,
+    # The mesh slides under a pad before its shape changes; what is placed in the body or on it
+    # is placed in its true shape.
+    PadMisplacement, ReferenceShape,
     StiffnessScale, Compressibility, StiffnessGradient, SkinLayer, Inclusion,
+    StrainStiffening, Anisotropy,
     Gravity, Damping,
     # Memory: what softens or drifts, does so together with what is remembered.
-    Viscoelasticity, StressSoftening, StiffnessDrift,
-    # A skin ends at the fixed base, so supports give way after it.
-    BaseCompliance, ExternalForce,
+    Viscoelasticity, StressSoftening, StiffnessDrift, SwellingDrift,
+    # A skin ends at the fixed base, so supports give way after it; glue that is left then yields.
+    Obstacle, BaseDebond, BaseCompliance, PadSlip, ExternalForce, Breathing,
     # From the motor to the pad: the force on the pad acts last.
     ActuatorLag, ActuatorGain, Backlash, LostSteps, ActuatorCompliance,
     # From the thing seen to what is read of it: place, scale, zero, stamp.

@@ -17,9 +17,8 @@ NUMERICAL = {
 }
 # Of these, each may import all numerical parts and whatever stands before it.
 COMPOSITION = (
-    'scenario', 'provenance', 'graph', 'cell', 'offline', 'inprocess', 'evaluate', 'launcher',
-    'experiments',
-    'cli',
+    'scenario', 'provenance', 'graph', 'cell', 'offline', 'inprocess_log', 'inprocess',
+    'evaluate', 'launcher', 'experiments', 'cli',
 )
 ALLOWED = {
     '__init__': set(),

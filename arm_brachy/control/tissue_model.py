@@ -5,7 +5,7 @@ import numpy as np
 from arm_brachy.control.model import ModelState
 from arm_brachy.core.errors import ConfigError, NotConverged
 from arm_brachy.core.outcome import Outcome
-from arm_brachy.tissue.build import build_body, target_points
+from arm_brachy.tissue.build import build_body, placement_mesh, target_points
 from arm_brachy.tissue.jacobian import directed_jacobian
 from arm_brachy.tissue.mesh import embed, interpolate
 from arm_brachy.tissue.newton import StaticSolver
@@ -26,7 +26,7 @@ class TissueModel:
         has, MeshError for a target outside the body.
         """
         body = build_body(scene)
-        mesh = body.mesh  # a term that changes the shape takes material points along
+        mesh = body.mesh
         for term in terms:
             body = term.prepare(body)
             if term.memory(body) is not None:
@@ -35,6 +35,7 @@ class TissueModel:
         self.targets, positions = target_points(scene)
         self._solver = StaticSolver(body, options=options)
         self._directions = np.array([pad.direction for pad in body.pads]).reshape(-1, 3)
+        mesh = placement_mesh(mesh, body)
         self._embedding = {name: embed(mesh, [point], names=[name])
                            for name, point in zip(self.targets, positions, strict=True)}
         start = self._solver.solve(body.mesh.nodes, np.zeros_like(self._directions))

@@ -80,7 +80,10 @@ class BodyTerm(Term, Protocol):
         """Write into `fields` (tissue.body.StepFields) what holds during (t - dt, t]."""
 
     def after_step(self, body, memory, x, t, dt):
-        """Return the internal variables at t, given the converged positions x (n, 3) [m]."""
+        """Return the internal variables at t, given the converged positions x (n, 3) [m].
+
+        body : with the stress-free shape that it had during the step, swollen if it was
+        """
 
 
 class ActuationTerm(Term, Protocol):

@@ -115,6 +115,9 @@ class AdmmSolver:
         if body.beyond.any():
             raise ConfigError('admm: the body has stiffening tissue or fibres; must be '
                               'Neo-Hookean, as its local step is; use Newton')
+        if len(body.supports.nodes):
+            raise ConfigError('admm: the body rests on one-sided supports; must have none; use '
+                              'Newton')
         self.body = body
         self.options = AdmmOptions() if options is None else options
         self.assembler = Assembler(body)
@@ -136,7 +139,7 @@ class AdmmSolver:
         """Return the AdmmSolution at rest with the pads displaced by `pad_displacement`.
 
         x0 : (n, 3) [m] starting state, no element inverted;  pad_displacement : (p, 3) [m]
-        fields : StepFields, None = the body's own
+        fields : StepFields, not swollen; None = the body's own
         reference : (n, 3) [m] solution to measure the iterates against, e.g. Newton's
         Raises InputError. Valid for stable equilibria; test_admm.py::test_equals_newton.
         """
@@ -159,6 +162,9 @@ class AdmmSolver:
 
     def _problem(self, pad_displacement, fields, inertia, free_flight):
         fields = StepFields.of(self.body) if fields is None else fields
+        if fields.swelling != 1.0 or fields.beyond.any() or fields.base.any():
+            raise InputError(f'admm: fields with swelling {fields.swelling:g}, a base that moves '
+                             'or beyond the Neo-Hookean law; must have none of these; use Newton')
         moved = np.asarray(pad_displacement, dtype=float)
         if moved.shape != (len(self.body.pads), 3) or not np.isfinite(moved).all():
             raise InputError(f'pad_displacement has shape {moved.shape} or is not finite; must be '

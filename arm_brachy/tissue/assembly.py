@@ -9,6 +9,8 @@ from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.tissue import kernels
 from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.element import point_moduli
+from arm_brachy.tissue.pattern import block_columns
+from arm_brachy.tissue.supports import SupportForces
 
 
 class InvertedElement(ArmBrachyError):
@@ -34,8 +36,9 @@ class Assembler:
     """Sums element contributions of a SoftBody over all its nodes, supports not yet applied.
 
     Total potential, x the node positions and X those at rest:
-        Pi(x) = sum_e V_e (Psi(F_e) + S_e : E_e) + 1/2 sum_s u_s' k_s u_s - f . (x - X)
-    with f the nodal force of the step plus gravity on tissue and carried masses (dead loads).
+        Pi(x) = sum_e V_e (Psi(F_e) + S_e : E_e) + 1/2 sum_s w_s' k_s w_s - f . u + `supports`
+    with u = x - X, w = u less the displacement of the base, and f the nodal force of the step
+    plus gravity on tissue and carried masses (dead loads).
     Results are identical to the last bit for any number of threads.
     """
 
@@ -72,6 +75,9 @@ class Assembler:
         self._indptr, self._indices = _expand(self._row_blocks, cols)
         at = np.searchsorted(unique, diagonal[self.body.springs.nodes])
         self._spring_entries = _entries(self._row_blocks, at, self.body.springs.nodes)
+        supports = self.body.supports
+        self._supports = SupportForces(supports, block_columns(self.pattern, supports.nodes),
+                                       self._indptr)
 
     def lumped_mass(self):
         """Return (n,) [kg]: tissue mass by `ElementGeometry.lumping`, plus nodal_mass."""
@@ -102,39 +108,44 @@ class Assembler:
         """
         fields = StepFields.of(self.body) if fields is None else fields
         x = np.ascontiguousarray(x, dtype=float)
-        self._element_forces(x, *self._integrands(fields, self.body.beyond), self._energy,
-                             self._force, self._J)
+        self._element_forces(x, *self._integrands(fields), self._energy, self._force, self._J)
         forces = np.empty((self.n, 3))
         kernels.gather(self._node_start, self._node_slots, self._force.reshape(-1, 3), forces)
         u = x - self.body.mesh.nodes
-        spring_force = self._spring_forces(u)
-        forces[self.body.springs.nodes] += spring_force
+        springs = self.body.springs
+        stretch = u[springs.nodes] - fields.base
+        spring_force = np.einsum('sij,sj->si', springs.stiffness, stretch)
+        forces[springs.nodes] += spring_force
         load = fields.nodal_force + self._weight
-        energy = (self._energy.sum() - np.sum(load * u)
-                  + 0.5 * np.sum(spring_force * u[self.body.springs.nodes]))
+        energy = (self._energy.sum() - np.sum(load * u) + 0.5 * np.sum(spring_force * stretch)
+                  + self._supports.add_forces(u, fields.base, forces))
         worst = int(self._J.argmin())
         return Evaluation(float(energy), forces - load, float(self._J[worst]), worst)
 
-    def element_forces(self, x, fields, beyond):
+    def element_forces(self, x, fields):
         """Return the forces (m, a, 3) [N] of every element alone, without springs and loads.
 
-        x, fields : as in `evaluate`;  beyond : (m, BEYOND) in place of the body's own
+        x, fields : as in `evaluate`
         """
         energy, force, J = (np.empty_like(v) for v in (self._energy, self._force, self._J))
-        self._element_forces(x, *self._integrands(fields, beyond), energy, force, J)
+        self._element_forces(x, *self._integrands(fields), energy, force, J)
         return force
 
-    def _integrands(self, fields, beyond):
-        """What the element loops integrate; a swollen body has a larger reference shape."""
-        g, grown = self.geometry, fields.swelling
-        G, w = g.gradients, g.point_weights
-        if grown != 1.0:
-            G, w = G / grown, w * grown**3
-        return g.connectivity, G, w, *point_moduli(g, fields), g.shear, beyond, fields.stress
+    def reference(self, fields):
+        """Return shape gradients (m, q, a, 3) and weights (m, q) of the stress-free shape.
 
-    def _spring_forces(self, u):
-        springs = self.body.springs
-        return np.einsum('sij,sj->si', springs.stiffness, u[springs.nodes])
+        fields : StepFields; a swollen body has a larger one than its mesh
+        """
+        g, grown = self.geometry, fields.swelling
+        if grown == 1.0:
+            return g.gradients, g.point_weights
+        return g.gradients / grown, g.point_weights * grown**3
+
+    def _integrands(self, fields):
+        """What the element loops integrate."""
+        g = self.geometry
+        return (g.connectivity, *self.reference(fields), *point_moduli(g, fields), g.shear,
+                fields.beyond, fields.stress)
 
     def energy(self, x, fields=None):
         """Return the total potential [J] at x (n, 3) [m]; inf if an element is inverted.
@@ -161,20 +172,29 @@ class Assembler:
 
         x : (n, 3) [m], no element inverted;  fields : as in `evaluate`
         convex : not the derivative but a matrix near it that is positive definite far more often,
-            equal to it where no volume changes (`material.stiffness_kernel`)
+            equal to it where no volume changes (`material.tangent_vectors`)
         Every call returns the same pattern; the data array is fresh.
         """
         fields = StepFields.of(self.body) if fields is None else fields
         self._element_stiffness(np.ascontiguousarray(x, dtype=float),
-                                *self._integrands(fields, self.body.beyond), convex,
-                                self._stiffness)
+                                *self._integrands(fields), convex, self._stiffness)
         data = np.empty(len(self._indices))
         kernels.scatter_blocks(self._block_start, self._block_slots,
                                self._stiffness.reshape(-1, 9), self._row_blocks, data)
         data[self._spring_entries] += self.body.springs.stiffness
+        self._supports.add_tangent(x - self.body.mesh.nodes, fields.base, data)
         matrix = csr_array((data, self._indices, self._indptr), shape=(3 * self.n, 3 * self.n))
         matrix.has_canonical_format = True
         return matrix
+
+    def support_tangent(self, x, fields):
+        """Return the values (nnz,) that the body's one-sided supports add to `tangent`.
+
+        x, fields : as there
+        """
+        data = np.zeros(len(self._indices))
+        self._supports.add_tangent(x - self.body.mesh.nodes, fields.base, data)
+        return data
 
     @property
     def pattern(self):

@@ -119,7 +119,8 @@ def build_pad(mesh, patch):
         raise MeshError(f'{where}: its centre is {1e3 * gap:.1f} mm from the surface along its '
                         f'direction; allowed {1e3 * LARGEST_GAP:g} mm; move the pad onto the '
                         'surface')
-    return Pad(patch.name, nodes, direction, centre, patch.stroke, _face(patch))
+    return Pad(patch.name, nodes, direction, centre, patch.stroke, _face(patch),
+               None if patch.set else patch.radius)
 
 
 def _face(patch):
@@ -166,6 +167,17 @@ def _refuse_overlap(fixed, pads):
             raise MeshError(f'pad {pad.name} shares node {shared[0]} with {taken[shared[0]]} '
                             f'({len(shared)} such); pads must lie apart; move or shrink one')
         taken |= {int(node): f'pad {pad.name}' for node in pad.nodes}
+
+
+def placement_mesh(mesh, body):
+    """Return the TetMesh in which what a scene places in the tissue is to be embedded.
+
+    mesh : of the scene;  body : SoftBody prepared by terms. A term that changes the shape takes
+    material points along with the nodes; one that slides nodes through the material does not.
+    """
+    if body.scene_nodes is None:
+        return mesh
+    return dataclasses.replace(mesh, nodes=body.scene_nodes)
 
 
 def load_masses(mesh, loads):

@@ -36,6 +36,7 @@ from arm_brachy.tissue.contact_poses import checked_poses
 from arm_brachy.tissue.contact_shapes import AbstractShape
 from arm_brachy.tissue.contact_surface import PointStates, surface_quadrature
 from arm_brachy.tissue.mesh import boundary_faces
+from arm_brachy.tissue.pattern import block_columns
 
 # Fraction of the body's diagonal by which faces must be clear of a rigid body to be left out.
 MARGIN = 0.05
@@ -105,7 +106,7 @@ class ContactAssembler:
         self.law = ContactLaw() if law is None else law
         self._law = self.law.constants(self.body)
         self._surfaces = [self._surface(pair) for pair in self.pairs]
-        self._columns = [_block_columns(inner.pattern, s.faces) for s in self._surfaces]
+        self._columns = [block_columns(inner.pattern, s.faces) for s in self._surfaces]
         self._poses = [_core_pose(pair.shape, np.eye(4)) for pair in self.pairs]
         self._margin = MARGIN * np.linalg.norm(np.ptp(self.body.mesh.nodes, axis=0))
         # As far as a component of a node may move before a point can have used up the margin.
@@ -286,15 +287,3 @@ def _core_pose(shape, X_WB):
     """Rotation and origin of a shape's core in the world."""
     R, p = shape.mount
     return np.ascontiguousarray(X_WB[:3, :3] @ R), X_WB[:3, :3] @ p + X_WB[:3, 3]
-
-
-def _block_columns(pattern, faces):
-    """Where (f, a, a) in its rows the 3 x 3 block of two nodes of a face begins."""
-    indptr, indices = pattern
-    first = 3 * np.repeat(faces[:, :, None], faces.shape[1], axis=2)
-    column = np.swapaxes(first, 1, 2)
-    width = 3 * int(faces.max()) + 3
-    rows = np.repeat(np.arange(len(indptr) - 1, dtype=np.int64), np.diff(indptr))
-    keys = rows * max(width, int(indices.max()) + 1) + indices
-    wanted = first * max(width, int(indices.max()) + 1) + column
-    return np.searchsorted(keys, wanted) - indptr[first]

@@ -55,12 +55,13 @@ class PadContact:
 
         state, fields : as `ContactSolver.step`
         """
-        return self.solver.step(state, self._poses(displacement), self._held(displacement), fields)
+        return self.solver.step(state, self._poses(displacement),
+                                self._held(displacement, fields), fields)
 
     def follow(self, state, displacement, trend, fields=None):
         """The same, from positions expected to change by trend (n, 3) [m], as the solver's."""
         return self.solver.follow(state, self._poses(displacement), trend,
-                                  self._held(displacement), fields)
+                                  self._held(displacement, fields), fields)
 
     def at_rest(self, state, displacement, fields, residual):
         """True if the pads are there already and no free node is pulled by more than `residual`.
@@ -69,7 +70,7 @@ class PadContact:
         """
         held = self.solver.statics.free.held
         if not (np.array_equal(self._poses(displacement), state.X_WB)
-                and np.array_equal(self._held(displacement)[held], state.x[held])):
+                and np.array_equal(self._held(displacement, fields)[held], state.x[held])):
             return False
         assembler = self.solver.assembler
         assembler.place(state.X_WB, state.points)
@@ -97,5 +98,6 @@ class PadContact:
     def _poses(self, displacement):
         return moved(self.X_WP, np.asarray(displacement, dtype=float)[self.touching])
 
-    def _held(self, displacement):
-        return self.solver.statics.held_positions(np.asarray(displacement)[~self.touching])
+    def _held(self, displacement, fields):
+        base = None if fields is None else fields.base
+        return self.solver.statics.held_positions(np.asarray(displacement)[~self.touching], base)

@@ -29,7 +29,7 @@ from arm_brachy.core.outcome import Outcome
 from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.element import point_moduli
-from arm_brachy.tissue.free_dofs import FreeDofs, held_nodes
+from arm_brachy.tissue.free_dofs import FreeDofs, held_nodes, moved_from_rest
 from arm_brachy.tissue.linear_solver import FactorisationFailed
 from arm_brachy.tissue.mass import node_mass, onto
 from arm_brachy.tissue.viscosity import viscous_stress
@@ -184,12 +184,13 @@ class DynamicSolver:
 
         pad_displacement : (p, 3) [m] of the pads at the end, from rest; they get there linearly
         dt : [s] > 0, divided into steps of at most options.max_step
-        fields : StepFields that hold during the call, or None for the body's own
+        fields : StepFields that hold during the call, or None for the body's own; fixed nodes go
+            linearly to where their base is, springs and supports follow it at once
         Returns the new DynamicState. If a step fails even after `halvings`, returns `state` as it
         was, with the outcome INVERTED_ELEMENT or NOT_CONVERGED.
         """
         fields = StepFields.of(self.body) if fields is None else fields
-        start, goal = state.x[self._dofs.held], self._held_positions(pad_displacement)
+        start, goal = state.x[self._dofs.held], self._goal(pad_displacement, fields.base)
         count, iterations, now = self.substeps(dt), 0, state
         for k in range(1, count + 1):
             target = goal if k == count else start + (k / count) * (goal - start)
@@ -297,7 +298,8 @@ class DynamicSolver:
     def _viscous(self, x, v, fields):
         """Second Piola-Kirchhoff stress (m, q, 3, 3) of the fields and of the strain's rate."""
         g, stress = self._assembler.geometry, np.empty_like(fields.stress)
-        viscous_stress(x, v, g.connectivity, g.gradients, *(
+        G, _ = self._assembler.reference(fields)
+        viscous_stress(x, v, g.connectivity, G, *(
             self._beta * modulus for modulus in point_moduli(g, fields)), fields.stress, stress)
         return stress
 
@@ -321,8 +323,10 @@ class DynamicSolver:
         matrix = self._assembler.tangent(anchor.x, anchor.fields, convex=convex)
         rate, left = w.gamma / (w.beta * dt), 1.0 - w.alpha_f  # dv / dx at the end of a step
         mass = (1.0 - w.alpha_m) / (w.beta * dt**2) + left * rate * self._alpha
+        undamped = self._assembler.support_tangent(anchor.x, anchor.fields)
         matrix.data = (mass * self._added_mass.data
-                       + left * (1.0 + rate * self._beta) * matrix.data)
+                       + left * ((1.0 + rate * self._beta) * matrix.data
+                                 - rate * self._beta * undamped))
         return self._dofs.upper(matrix)
 
     def _rotations(self, x):
@@ -339,12 +343,9 @@ class DynamicSolver:
         force, moment = pad_loads(self.body, reaction)
         return replace(state, pad_force=force, pad_moment=moment, outcome=Outcome.OK)
 
-    def _held_positions(self, pad_displacement):
-        x = self.body.mesh.nodes.copy()
-        for pad, shift in zip(self.body.pads, np.asarray(pad_displacement, dtype=float),
-                              strict=True):
-            x[pad.nodes] += shift
-        return x[self._dofs.held]
+    def _goal(self, pad_displacement, base):
+        pads = np.asarray(pad_displacement, dtype=float)
+        return moved_from_rest(self.body, pads, base)[self._dofs.held]
 
 
 def pad_loads(body, reaction):

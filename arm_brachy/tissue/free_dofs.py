@@ -47,3 +47,17 @@ def held_nodes(body):
     """Return the nodes of a SoftBody with prescribed positions: fixed and pad nodes, sorted."""
     return np.unique(np.concatenate([np.asarray(body.fixed, dtype=np.int64),
                                      *(p.nodes for p in body.pads)]))
+
+
+def moved_from_rest(body, pad_displacement, base=None):
+    """Return the rest positions (n, 3) [m] of a SoftBody with held nodes where they are to be.
+
+    pad_displacement : (p, 3) [m], rows as `body.pads`
+    base : (3,) [m] displacement of the fixed nodes, None = they stay
+    """
+    x = body.mesh.nodes.copy()
+    if base is not None:
+        x[body.fixed] += base
+    for pad, displacement in zip(body.pads, pad_displacement, strict=True):
+        x[pad.nodes] += displacement
+    return x

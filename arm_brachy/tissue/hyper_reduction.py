@@ -89,6 +89,9 @@ class Galerkin:
         if body.beyond.any():
             raise ConfigError('reduced model: the body has stiffening tissue or fibres; must be '
                               'Neo-Hookean; use the full solver')
+        if len(body.supports.nodes):
+            raise ConfigError('reduced model: the body rests on one-sided supports; must have '
+                              'none; use the full solver')
         self.exact_at_rest = exact_at_rest
         self.body, self.reference = body, data.reference
         self._at_rest = Linearisation(StaticSolver(body), data.reference)

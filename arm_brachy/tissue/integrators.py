@@ -6,7 +6,7 @@ state, which it makes in `start` and hands back from `settle` and `step` beside 
 
 import dataclasses
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,6 +31,7 @@ class TissueState:
     pad_moment : (p, 3) [N m] of the same about the pad's centre
     outcome : OK, or why the last good state is held;  iterations : Newton iterations of the step
     residual : [N] largest out-of-balance force at the last solve (0 in dynamics)
+    base : (3,) [m] displacement of the base
     """
 
     t: float
@@ -41,6 +42,7 @@ class TissueState:
     outcome: Outcome = Outcome.OK
     iterations: int = 0
     residual: float = 0.0
+    base: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 class AbstractIntegrator(ABC):
@@ -99,7 +101,7 @@ class QuasiStatic(AbstractIntegrator):
     def step(self, native, pads, dt, fields):
         """As AbstractIntegrator."""
         state, before = native
-        t, goal = state.t + dt, self.statics.held_positions(pads)
+        t, goal = state.t + dt, self.statics.held_positions(pads, fields.base)
         if self._in_equilibrium(state, goal, fields):
             new = dataclasses.replace(self._resting(t, state.x, fields), residual=state.residual)
             return (new, None), new

@@ -19,8 +19,9 @@ def body_hash(body):
     n = len(body.mesh.nodes)
     none = np.zeros(0)
     parts = [body.mesh.nodes, body.geometry.connectivity, body.geometry.weights, body.mu,
-             body.kappa, body.density, np.sort(body.fixed), body.springs.nodes,
-             body.springs.stiffness, body.gravity, np.array([n, len(body.pads)]),
+             body.kappa, body.beyond, body.density, np.sort(body.fixed), body.springs.nodes,
+             body.springs.stiffness, *vars(body.supports).values(), body.gravity,
+             np.array([n, len(body.pads)]),
              none if body.nodal_force is None else body.nodal_force,
              none if body.nodal_mass is None else body.nodal_mass]
     for pad in body.pads:

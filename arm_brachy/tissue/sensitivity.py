@@ -14,7 +14,6 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import LinearOperator
 
 from arm_brachy.core.errors import InputError
-from arm_brachy.tissue.material import BEYOND
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,8 @@ def gradient(linearisation, x_bar=None, pad_force_bar=None):
     assembler, body = linearisation.solver.assembler, linearisation.solver.body
     mu, kappa = np.split(-moduli_derivative(linearisation).T @ a.ravel(), 2)
     springs, pulled = body.springs.nodes, a @ body.gravity
-    dyad = -np.einsum('si,sj->sij', a[springs], (linearisation.x - body.mesh.nodes)[springs])
+    stretch = (linearisation.x - body.mesh.nodes)[springs] - linearisation.fields.base
+    dyad = -np.einsum('si,sj->sij', a[springs], stretch)
     return Gradient(
         mu=mu, kappa=kappa, nodal_force=a, held_at=held,
         gravity=assembler.heavy_mass(body.density, body.nodal_mass) @ a,
@@ -172,6 +172,7 @@ def log_modulus(fields, elements=None):
     """Return the Change with the logarithm of Young's modulus at constant Poisson's ratio.
 
     fields : StepFields in force;  elements : (k,) those that share it, None = all
+    Stiffening and fibres do not change with it.
     """
     where = _indicator(len(fields.mu), elements)
     return Change(mu=fields.mu * where, kappa=fields.kappa * where)
@@ -253,8 +254,8 @@ def _load_change(linearisation, change):
         rate -= np.outer(mass, body.gravity)
     if change.spring_stiffness is not None:
         stiffness = _checked('spring_stiffness', change.spring_stiffness, springs.stiffness.shape)
-        u = (linearisation.x - body.mesh.nodes)[springs.nodes]
-        rate[springs.nodes] += np.einsum('sij,sj->si', stiffness, u)
+        stretch = (linearisation.x - body.mesh.nodes)[springs.nodes] - linearisation.fields.base
+        rate[springs.nodes] += np.einsum('sij,sj->si', stiffness, stretch)
     return rate
 
 
@@ -262,8 +263,9 @@ def _element_forces(linearisation, mu, kappa, stress=None):
     """Forces (m, a, 3) of every element alone, by these moduli and this stress, nothing else."""
     assembler, fields = linearisation.solver.assembler, linearisation.fields
     stress = _checked('stress', stress, fields.stress.shape)
-    only = replace(fields, mu=mu, kappa=kappa, stress=stress)
-    return assembler.element_forces(linearisation.x, only, np.zeros((len(mu), BEYOND)))
+    only = replace(fields, mu=mu, kappa=kappa, beyond=np.zeros_like(fields.beyond),
+                   stress=stress)
+    return assembler.element_forces(linearisation.x, only)
 
 
 def _nodal(assembler, parts):

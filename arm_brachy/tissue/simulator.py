@@ -73,7 +73,9 @@ class TissueSimulator:
         native, state = self._integrator.settle(self._native, pads, self._clock, fields)
         if not state.outcome.ok:
             return self._held(state.outcome, state.iterations)
-        self._memories = self._remember(self._memories, state.x, self._clock, np.inf)
+        state = dataclasses.replace(state, base=fields.base)
+        self._memories = self._remember(self._memories, state.x, self._clock, np.inf,
+                                        fields.swelling)
         self._native, self._good = native, state
         return state
 
@@ -115,8 +117,9 @@ class TissueSimulator:
             iterations += state.iterations
             if not state.outcome.ok:
                 break
-            memories = self._remember(memories, state.x, now, h)
-        return native, memories, dataclasses.replace(state, t=t, iterations=iterations)
+            memories = self._remember(memories, state.x, now, h, fields.swelling)
+        state = dataclasses.replace(state, t=t, iterations=iterations, base=fields.base)
+        return native, memories, state
 
     def _fields(self, memories, t, dt):
         fields = StepFields.of(self.body)
@@ -124,8 +127,9 @@ class TissueSimulator:
             term.before_step(self.body, memory, t, dt, fields)
         return fields
 
-    def _remember(self, memories, x, t, dt):
-        return tuple(term.after_step(self.body, memory, x, t, dt)
+    def _remember(self, memories, x, t, dt, swelling):
+        body = self.body.swollen(swelling)
+        return tuple(term.after_step(body, memory, x, t, dt)
                      for term, memory in zip(self.terms, memories, strict=True))
 
     def _held(self, outcome, iterations):

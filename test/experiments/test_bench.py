@@ -15,7 +15,7 @@ from arm_brachy.experiments.peers import harness, own, registry
 from arm_brachy.experiments.peers.harness import Diverged, Plan
 from arm_brachy.experiments.peers.problem import Problem
 from arm_brachy.tissue import material
-from arm_brachy.tissue.element import signed_volumes
+from arm_brachy.tissue.element import point_moduli, signed_volumes
 
 FELUPE, SKFEM, MUJOCO = (registry.FELUPE, registry.SKFEM, registry.MUJOCO)
 MU, KAPPA = 2e3, 1e5
@@ -49,6 +49,23 @@ def test_without_peers_our_rows_stand_and_the_others_say_how_to_install(no_peers
     written = json.loads(result.to_json())
     assert set(written) == {'name', 'seed', 'commit', 'machine', 'rows', 'targets'}
     assert (tmp_path / 'bench-solvers.png').stat().st_size > 1000
+
+
+@pytest.mark.parametrize('nu', [0.25, 0.49])
+@pytest.mark.parametrize('quadratic', [False, True])
+def test_the_rules_are_the_engines(quadratic, nu):
+    """Their shares, point by point, are what the engine's points carry; none is empty."""
+    problem = replace(bench_growth.block(2, quadratic=quadratic), nu=nu)
+    assert sum(rule.mu for rule in problem.rules) == problem.mu
+    assert sum(rule.kappa for rule in problem.rules) == pytest.approx(problem.kappa, rel=1e-15)
+    assert all(rule.kappa > 0.0 for rule in problem.rules)
+    body = own.body_of(problem)
+    mu, kappa = (modulus[0] for modulus in point_moduli(body.geometry, body))
+    theirs = np.repeat([[rule.mu, rule.kappa] for rule in problem.rules],
+                       [{1: 1, 2: 4}[rule.degree] for rule in problem.rules], axis=0)
+    np.testing.assert_allclose(np.column_stack([mu, kappa])[:len(theirs)], theirs, rtol=1e-12,
+                               atol=1e-9)
+    assert not mu[len(theirs):].any() and np.abs(kappa[len(theirs):]).max(initial=0.0) < 1e-9
 
 
 @pytest.mark.parametrize('quadratic', [False, True])
@@ -91,6 +108,8 @@ def test_the_peers_have_the_energy_of_ours():
     dF, eF = rng.normal(size=(2, 3, 3))
     assert skfem_peer.power(now, dF[..., None], eF[..., None])[0] == pytest.approx(
         np.einsum('ik,ikjl,jl', dF, A4, eF), rel=1e-12)
+    volumetric = felupe_peer.material(0.0, KAPPA).gradient([batch, None])[0][..., 0, 0]
+    assert volumetric == pytest.approx(material.stress(F, 0.0, KAPPA), rel=1e-12)
 
 
 def test_a_peer_that_fails_or_is_too_slow_is_a_row(problem, tmp_path, monkeypatch):

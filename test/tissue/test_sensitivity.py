@@ -147,7 +147,7 @@ def solved(setting, change, h):
                     springs=replace(body.springs, stiffness=plus(
                         body.springs.stiffness, change.spring_stiffness, h)))
     fields = StepFields(plus(step.mu, change.mu, h), plus(step.kappa, change.kappa, h),
-                        plus(step.stress, change.stress, h),
+                        step.beyond, plus(step.stress, change.stress, h),
                         plus(step.nodal_force, change.nodal_force, h))
     solver = StaticSolver(other, options=setting.solver.options)
     held_at = plus(setting.solver.held_positions(PUSH), change.held_at, h)

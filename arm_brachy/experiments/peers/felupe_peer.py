@@ -14,21 +14,25 @@ VTK = [0, 1, 2, 3, 4, 7, 5, 6, 8, 9]
 
 
 def material(mu, kappa, parallel=False):
-    """FElupe's own Neo-Hookean law, which is (3.18): isochoric mu/2 and kappa/2 (J - 1)^2."""
-    return felupe.NeoHooke(mu=mu, bulk=kappa, parallel=parallel)
+    """FElupe's own Neo-Hookean law, which is (3.18): isochoric mu/2 and kappa/2 (J - 1)^2.
+
+    Where mu is 0 FElupe is told so, and spared the isochoric part.
+    """
+    return felupe.NeoHooke(mu=mu or None, bulk=kappa, parallel=parallel)
 
 
 def solve(problem, plan):
     """Return positions (n, 3) [m] and the pad's force (3,) [N] by `felupe.newtonraphson`."""
-    field = _field(problem)
     parallel = int(os.environ.get('OMP_NUM_THREADS', '1')) > 1
-    body = felupe.SolidBody(material(problem.mu, problem.kappa, parallel), field)
+    bodies = [felupe.SolidBody(material(rule.mu, rule.kappa, parallel),
+                               _field(problem, rule.degree)) for rule in problem.rules]
+    field = bodies[0].field   # newtonraphson gives its values to the other's
     dof0 = (3 * problem.held[:, None] + np.arange(3)).ravel()
     dof1 = np.setdiff1d(np.arange(problem.nodes.size), dof0)
     for step in range(1, plan.load_steps + 1):
         way = problem.way(step / plan.load_steps)[problem.held].ravel()
         found = felupe.newtonraphson(
-            x0=field, items=[body], dof0=dof0, dof1=dof1, ext0=way,
+            x0=field, items=bodies, dof0=dof0, dof1=dof1, ext0=way,
             solver=pkgutil.resolve_name(SOLVER), check=_check(problem, plan, step), verbose=0,
             kwargs={'parallel': parallel})
         field = found.x
@@ -36,12 +40,15 @@ def solve(problem, plan):
     return problem.nodes + field[0].values, -force
 
 
-def _field(problem):
+def _field(problem, degree):
+    """Displacements with a quadrature of this degree."""
+    quadrature = felupe.TetrahedronQuadrature(order=degree)
     if problem.quadratic:
         mesh = felupe.Mesh(problem.nodes, problem.elements[:, VTK], 'tetra10')
-        region = felupe.RegionQuadraticTetra(mesh)
+        region = felupe.RegionQuadraticTetra(mesh, quadrature=quadrature)
     else:
-        region = felupe.RegionTetra(felupe.Mesh(problem.nodes, problem.elements, 'tetra'))
+        mesh = felupe.Mesh(problem.nodes, problem.elements, 'tetra')
+        region = felupe.RegionTetra(mesh, quadrature=quadrature)
     return felupe.FieldContainer([felupe.Field(region, dim=3)])
 
 

@@ -4,6 +4,21 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from arm_brachy.tissue.element import SPREAD
+
+
+@dataclass(frozen=True)
+class Rule:
+    """How a share of the energy is integrated over each element.
+
+    degree : of polynomials that come out exact: 1 the centre alone, 2 four points
+    mu, kappa : moduli [Pa] of that share
+    """
+
+    degree: int
+    mu: float
+    kappa: float
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -37,6 +52,17 @@ class Problem:
     def quadratic(self):
         """True if the elements have mid-edge nodes."""
         return self.elements.shape[1] == 10
+
+    @property
+    def rules(self):
+        """The Rules whose shares add up to the energy to be solved for; as `tissue.element`."""
+        if not self.quadratic:
+            return (Rule(1, self.mu, self.kappa),)
+        spread = min(self.kappa, SPREAD * self.mu)
+        everywhere = Rule(2, self.mu, spread)
+        if spread == self.kappa:
+            return (everywhere,)
+        return everywhere, Rule(1, 0.0, self.kappa - spread)
 
     @property
     def held(self):

@@ -61,26 +61,31 @@ def _tangent(u, v, w):
 
 
 class _Body:
-    """The discrete problem: basis, dofs in the problem's numbering, held ones."""
+    """The discrete problem: a basis for each rule, dofs in the problem's numbering."""
 
     def __init__(self, problem):
         element = ElementTetP2() if problem.quadratic else ElementTetP1()
         mesh = MeshTet(*_corner_mesh(problem))
-        # one quadrature point for linear elements, four for quadratic ones
-        self.basis = Basis(mesh, ElementVector(element), intorder=2 if problem.quadratic else 1)
-        self.moduli = problem.mu, problem.kappa
-        dofs = np.vstack([self.basis.nodal_dofs.T, self.basis.edge_dofs.T]
-                         if problem.quadratic else [self.basis.nodal_dofs.T])
-        at = self.basis.doflocs[:, dofs[:, 0]].T
+        self.parts = [(Basis(mesh, ElementVector(element), intorder=rule.degree),
+                       (rule.mu, rule.kappa)) for rule in problem.rules]
+        basis = self.parts[0][0]   # all number their dofs alike
+        self.size = basis.N
+        dofs = np.vstack([basis.nodal_dofs.T, basis.edge_dofs.T]
+                         if problem.quadratic else [basis.nodal_dofs.T])
+        at = basis.doflocs[:, dofs[:, 0]].T
         self.dofs = dofs[cKDTree(at).query(problem.nodes)[1]]   # (n, 3)
 
     def forces_and_tangent(self, u, *, tangent=True):
         """Nodal forces dPi/dx and the tangent (or None) at dof values u."""
-        slope = grad(self.basis.interpolate(u))
-        now = state(slope + identity(slope), *self.moduli)
-        forces = _internal.assemble(self.basis, P=DiscreteField(stress(now)))
-        fields = {name: DiscreteField(value) for name, value in now.items()}
-        return forces, _tangent.assemble(self.basis, **fields) if tangent else None
+        forces, tangents = 0.0, []
+        for basis, moduli in self.parts:
+            slope = grad(basis.interpolate(u))
+            now = state(slope + identity(slope), *moduli)
+            forces = forces + _internal.assemble(basis, P=DiscreteField(stress(now)))
+            if tangent:
+                fields = {name: DiscreteField(value) for name, value in now.items()}
+                tangents.append(_tangent.assemble(basis, **fields))
+        return forces, sum(tangents[1:], tangents[0]) if tangent else None
 
 
 def _corner_mesh(problem):
@@ -94,7 +99,7 @@ def solve(problem, plan):
     """Return positions (n, 3) [m] and the pad's force (3,) [N] by Newton's method."""
     body, spsolve = _Body(problem), pkgutil.resolve_name(SOLVER)
     held = body.dofs[problem.held].ravel()
-    u = np.zeros(body.basis.N)
+    u = np.zeros(body.size)
     forces, tangent = body.forces_and_tangent(u)
     for step in range(1, plan.load_steps + 1):
         way, count, finished = problem.way(step / plan.load_steps)[problem.held].ravel(), 0, False

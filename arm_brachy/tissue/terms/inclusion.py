@@ -1,6 +1,6 @@
 """A spherical inclusion: a lump stiffer than its surroundings, or a soft pocket."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import ClassVar
 
@@ -40,7 +40,7 @@ class Inclusion(BodyTerm):
     spec: ClassVar[TermSpec] = TermSpec(
         name='inclusion', kind=Kind.TISSUE, stage=Stage.BODY,
         summary='spherical lump or soft pocket',
-        equation='mu_e -> mu_e / (1 - phi_e + phi_e / ratio), kappa_e likewise;  '
+        equation='mu_e -> mu_e / (1 - phi_e + phi_e / ratio), kappa_e, c_e, k_e likewise;  '
                  'phi_e = |element e within the sphere| / |element e|',
         source='Eshelby 1957, Proc R Soc A 241:376 (far field ~ volume x contrast / (1 + beta '
                'contrast)); Reuss average in cut elements: Hill 1963, J Mech Phys Solids 11:357',
@@ -50,8 +50,7 @@ class Inclusion(BodyTerm):
     def prepare(self, body):
         """Return `body` with the moduli of the elements that the sphere meets scaled."""
         phi = volume_fraction(body.mesh, np.array(self.centre), self.radius)
-        scale = 1.0 / (1.0 - phi + phi / self.ratio)
-        return replace(body, mu=scale * body.mu, kappa=scale * body.kappa)
+        return body.with_stiffness(1.0 / (1.0 - phi + phi / self.ratio))
 
 
 def volume_fraction(mesh, centre, radius):

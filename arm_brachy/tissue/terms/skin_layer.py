@@ -1,6 +1,6 @@
 """A skin: a stiffer layer of even thickness under the free surface."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import igl
@@ -42,7 +42,7 @@ class SkinLayer(BodyTerm):
     spec: ClassVar[TermSpec] = TermSpec(
         name='skin_layer', kind=Kind.TISSUE, stage=Stage.BODY,
         summary='stiffer layer under the surface',
-        equation='mu_e -> mu_e (1 + (ratio - 1) phi_e), kappa_e likewise;  '
+        equation='mu_e -> mu_e (1 + (ratio - 1) phi_e), kappa_e, c_e, k_e likewise;  '
                  'phi_e = |element e within thickness of the surface| / |element e|',
         source='membrane stress resultant, modulus x thickness: Timoshenko & '
                'Woinowsky-Krieger 1959, Theory of Plates and Shells; Voigt average in elements '
@@ -56,8 +56,7 @@ class SkinLayer(BodyTerm):
         Raises MeshError if the body has no free surface.
         """
         phi = layer_fraction(body.mesh, body.fixed, self.thickness)
-        scale = 1.0 + (self.ratio - 1.0) * phi
-        return replace(body, mu=scale * body.mu, kappa=scale * body.kappa)
+        return body.with_stiffness(1.0 + (self.ratio - 1.0) * phi)
 
 
 def layer_fraction(mesh, fixed, thickness):

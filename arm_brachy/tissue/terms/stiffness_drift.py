@@ -9,12 +9,10 @@ from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
 
 @dataclass(frozen=True)
 class StiffnessDrift(BodyTerm):
-    """Moduli and remembered stress times a factor that grows or falls from `onset` on.
+    """Every modulus and remembered stress times a factor that grows or falls from `onset` on.
 
-    With s = rate (t - onset) the factor is 1 + s for a body that stiffens and 1 / (1 - s) for one
-    that softens: the same to first order, positive however long the run. Stress that the tissue
-    remembers (viscoelasticity) scales along, so the term acts after those with memory. What
-    stiffening and fibres of the law add stays as it is, and so does the stress-free shape.
+    Stress that the tissue remembers (viscoelasticity) scales along, so the term acts after those
+    with memory. The stress-free shape stays: `swelling_drift` changes that.
     Test: tissue/terms/test_stiffness_drift.py (bar, relaxing element, marker invariance)
     """
 
@@ -30,8 +28,8 @@ class StiffnessDrift(BodyTerm):
     spec: ClassVar[TermSpec] = TermSpec(
         name='stiffness_drift', kind=Kind.TISSUE, stage=Stage.BODY,
         summary='modulus drifts during the run',
-        equation='(mu, kappa, S_added) -> (1 + s) (mu, kappa, S_added), or over 1 - s where '
-                 's < 0;  s = rate max(t - onset, 0)',
+        equation='(mu, kappa, c, k, S_added) -> (1 + s) (mu, kappa, c, k, S_added), or over '
+                 '1 - s where s < 0;  s = rate max(t - onset, 0)',
         source='first order of any drift; equilibrium div P = 0 is homogeneous in the modulus',
         invisible_when='only positions are recorded, pads are displacement-driven and no dead '
                        'load, spring support or inertia acts')
@@ -46,15 +44,21 @@ class StiffnessDrift(BodyTerm):
 
     def before_step(self, body, memory, t, dt, fields):
         """Scale moduli and added stress in `fields` by the factor at t."""
-        factor = self._factor(t)
-        fields.mu *= factor
+        factor = drift(self.rate, self.onset, t)
+        fields.scale_all_but_bulk(factor)
         fields.kappa *= factor
         fields.stress *= factor
 
     def after_step(self, body, memory, x, t, dt):
         """Return the factor at t."""
-        return self._factor(t)
+        return drift(self.rate, self.onset, t)
 
-    def _factor(self, t):
-        s = self.rate * max(t - self.onset, 0.0)
-        return 1.0 + s if s >= 0.0 else 1.0 / (1.0 - s)
+
+def drift(rate, onset, t):
+    """Factor at t [s] of what drifts by `rate` [1/s] of itself from `onset` [s] on.
+
+    With s = rate (t - onset) it is 1 + s where it grows and 1 / (1 - s) where it falls: the same
+    to first order, positive however long the run.
+    """
+    s = rate * max(t - onset, 0.0)
+    return 1.0 + s if s >= 0.0 else 1.0 / (1.0 - s)

@@ -1,6 +1,6 @@
 """A modulus that changes steadily across the body."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -28,8 +28,8 @@ class StiffnessGradient(BodyTerm):
     spec: ClassVar[TermSpec] = TermSpec(
         name='stiffness_gradient', kind=Kind.TISSUE, stage=Stage.BODY,
         summary='modulus rises steadily across the body',
-        equation='mu_e -> mu_e exp(g . (X_e - X_0)), kappa_e likewise;  X_e, X_0 centroids of '
-                 'element and body',
+        equation='mu_e -> mu_e exp(g . (X_e - X_0)), kappa_e, c_e, k_e likewise;  X_e, X_0 '
+                 'centroids of element and body',
         source='first order of any smooth logarithm of the modulus',
         invisible_when='only positions are recorded and the strain is uniform along the gradient '
                        '(parallel bar); with one pad it looks like a gain of its force sensor')
@@ -39,4 +39,4 @@ class StiffnessGradient(BodyTerm):
         centroids, volume = body.mesh.nodes[body.mesh.tets].mean(axis=1), volumes(body.mesh)
         centre = volume @ centroids / volume.sum()
         scale = np.exp((centroids - centre) @ np.array(self.gradient))
-        return replace(body, mu=scale * body.mu, kappa=scale * body.kappa)
+        return body.with_stiffness(scale)

@@ -1,6 +1,6 @@
 """Uniform modulus error: the tissue is stiffer or softer than the model, everywhere alike."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from arm_brachy.core.quantity import quantity
@@ -9,7 +9,7 @@ from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
 
 @dataclass(frozen=True)
 class StiffnessScale(BodyTerm):
-    """Shear and bulk modulus times one factor; Poisson's ratio stays.
+    """Every modulus times one factor; Poisson's ratio stays, and the shape of the law.
 
     Forces scale with the factor. Positions do not change as long as the body is driven by
     displacements alone, because the equilibrium equations are homogeneous in the modulus; a dead
@@ -26,11 +26,11 @@ class StiffnessScale(BodyTerm):
     spec: ClassVar[TermSpec] = TermSpec(
         name='stiffness_scale', kind=Kind.TISSUE, stage=Stage.BODY,
         summary='modulus uniformly off',
-        equation='mu -> factor mu;  kappa -> factor kappa',
-        source='equilibrium div P = 0 is homogeneous of degree one in (mu, kappa)',
+        equation='mu -> factor mu;  kappa, c, k likewise',
+        source='equilibrium div P = 0 is homogeneous of degree one in the moduli',
         invisible_when='only positions are recorded, pads are displacement-driven and no dead '
                        'load, spring support or inertia acts')
 
     def prepare(self, body):
-        """Return `body` with both moduli scaled."""
-        return replace(body, mu=self.factor * body.mu, kappa=self.factor * body.kappa)
+        """Return `body` with all moduli scaled."""
+        return body.with_stiffness(self.factor)

@@ -7,6 +7,7 @@ import numpy as np
 
 from arm_brachy.core.quantity import quantity
 from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
+from arm_brachy.tissue import material
 
 
 @dataclass(frozen=True)
@@ -16,9 +17,9 @@ class StressSoftening(BodyTerm):
     D = damage (1 - exp(-W_max / energy)) with W the isochoric energy density (3.18) of the
     undamaged element, its mean over the volume. Below W_max the element is elastic with the
     modulus that is left, so loading and unloading part on the first cycle only; nothing heals,
-    and time and rate do not matter. The volumetric part is spared, and so is what stiffening and
-    fibres of the law add. Isochoric stress that terms acting before this one remember is softened
-    alike.
+    and time and rate do not matter. The volumetric part is spared; stiffening and fibres of the
+    law count in W and soften too. Isochoric stress that terms acting before this one remember is
+    softened alike.
 
     The damage of a step acts in the next one: on first loading the stress is late by one step,
     an error of first order in its length; unloading and reloading are exact.
@@ -57,7 +58,7 @@ class StressSoftening(BodyTerm):
     def before_step(self, body, memory, t, dt, fields):
         """Soften modulus and added stress in `fields` by the damage done until t - dt."""
         left = 1.0 + self.damage * np.expm1(-memory / self.energy)
-        fields.mu *= left
+        fields.scale_all_but_bulk(left)
         fields.stress *= left[:, None, None, None]
 
     def after_step(self, body, memory, x, t, dt):
@@ -66,12 +67,11 @@ class StressSoftening(BodyTerm):
 
 
 def isochoric_energy(body, x):
-    """Return the isochoric energy density (m,) [J/m^3] of (3.18), mean over each element.
+    """Return the energy density (m,) [J/m^3] but for the bulk modulus's, mean over each element.
 
     body : SoftBody, its own moduli;  x : (n, 3) [m], no element inverted
     """
     geometry = body.geometry
     F = np.einsum('mai,mqaj->mqij', x[geometry.connectivity], geometry.gradients, optimize=True)
-    I1 = np.sum(F * F, axis=(2, 3)) * np.linalg.det(F) ** (-2.0 / 3.0)
-    density = 0.5 * body.mu[:, None] * (I1 - 3.0)
+    density = material.energy(F, body.mu[:, None], 0.0, body.beyond[:, None])
     return np.sum(geometry.weights * density, axis=1) / geometry.weights.sum(axis=1)

@@ -22,7 +22,7 @@ _SOURCE = ('creep of glandular tissue in vivo: retardation times 3.2 +- 0.8 s an
 class ViscoMemory:
     """Internal variables, per element.
 
-    elastic : (m, q, 3, 3) [Pa] isochoric equilibrium stress S_iso at the last step
+    elastic : (m, q, 3, 3) [Pa] equilibrium stress S_iso at the last step, `relaxing_stress`
     over : (2, m, q, 3, 3) [Pa] overstress Q_i of each branch, second Piola-Kirchhoff
     """
 
@@ -36,9 +36,10 @@ class Viscoelasticity(BodyTerm):
 
     Convention: the modulus of the scene is the LONG-TERM one (it comes from a slow test, and a
     hold ends where the elastic body would be). A sudden load meets mu / (1 - g1 - g2). The volume
-    response does not relax. The convolution is integrated with an exponential recursion that is
-    exact for a stress history linear within a step (Kaliske & Rothert 1997), hence stable for any
-    step: dt = inf means that the body has rested for ever.
+    response does not relax; stiffening and fibres do, by the same share. The convolution is
+    integrated with an exponential recursion that is exact for a stress history linear within a
+    step (Kaliske & Rothert 1997), hence stable for any step: dt = inf means that the body has
+    rested for ever.
 
     Holds for overstress of the order of the elastic stress at strains below about 50 %: the
     kernel does not depend on strain, and dissipation is guaranteed near equilibrium only.
@@ -61,7 +62,8 @@ class Viscoelasticity(BodyTerm):
         equation='S = S_vol + S_iso + Q_1 + Q_2;  dQ_i/dt + Q_i / tau_i = '
                  'g_i / (1 - g_1 - g_2) dS_iso/dt',
         source='Simo 1987, CMAME 60:153; Holzapfel 2000, Nonlinear Solid Mechanics, ch. 6; '
-               'Kaliske & Rothert 1997, Comput Mech 19:228 (recursion)',
+               'Kaliske & Rothert 1997, Comput Mech 19:228 (recursion); Holzapfel & Gasser 2001, '
+               'CMAME 190:4379 (fibres)',
         invisible_when='only positions are recorded, the tissue is homogeneous and nearly '
                        'incompressible and only moved by bonded pads, never released')
 
@@ -80,16 +82,16 @@ class Viscoelasticity(BodyTerm):
         return ViscoMemory(np.zeros(shape), np.zeros((2, *shape)))
 
     def before_step(self, body, memory, t, dt, fields):
-        """Stiffen `fields.mu` and add the remembered stress for the step (t - dt, t]."""
+        """Stiffen the moduli and add the remembered stress for the step (t - dt, t]."""
         decay, gain = self._recursion(dt)
-        fields.mu *= 1.0 + gain.sum()
+        fields.scale_all_but_bulk(1.0 + gain.sum())
         remembered = np.tensordot(decay, memory.over, axes=1)
         fields.stress += remembered - gain.sum() * memory.elastic
 
     def after_step(self, body, memory, x, t, dt):
         """Return the ViscoMemory at t, given the positions x (n, 3) [m] reached."""
         decay, gain = self._recursion(dt)
-        elastic = isochoric_stress(body.geometry, body.mu, x)
+        elastic = relaxing_stress(body.geometry, body, x)
         rise = elastic - memory.elastic
         over = np.stack([d * q + g * rise
                          for d, q, g in zip(decay, memory.over, gain, strict=True)])
@@ -104,29 +106,38 @@ class Viscoelasticity(BodyTerm):
         return np.array([math.exp(-r) for r in steps]), np.array(gain)
 
 
-def isochoric_stress(geometry, mu, x):
-    """Isochoric second Piola-Kirchhoff stress of the Neo-Hookean law (3.18) in each element.
+def relaxing_stress(geometry, law, x):
+    """Second Piola-Kirchhoff stress in each element but for what the bulk modulus adds.
 
-    geometry : ElementGeometry;  mu : (m,) [Pa];  x : (n, 3) positions [m]
-    Returns (m, q, 3, 3) [Pa] at the quadrature points: mu J^(-2/3) (I - tr(C) / 3 C^-1), zero
-    at points that carry none of the isochoric energy.
+    geometry : ElementGeometry;  law : SoftBody or StepFields, for mu and beyond
+    x : (n, 3) positions [m]
+    Returns (m, q, 3, 3) [Pa] at the quadrature points, with the symbols of `material`:
+    (mu + 4 c (Ib - 3)) J^(-2/3) (I - tr(C) / 3 C^-1) + 2 k (I4 - 1) a0 a0', zero at points that
+    carry volume change only.
     """
     out = np.empty((*geometry.weights.shape, 3, 3))
-    _isochoric(np.ascontiguousarray(x, dtype=float), geometry.connectivity, geometry.gradients,
-               geometry.shear, mu, out)
+    _relaxing(np.ascontiguousarray(x, dtype=float), geometry.connectivity, geometry.gradients,
+              geometry.shear, law.mu, law.beyond, out)
     return out
 
 
 @njit(cache=True, error_model='numpy')
-def _isochoric(x, conn, G, shear, mu, out):
-    """Element loop of `isochoric_stress`; arrays as in `kernels`."""
+def _relaxing(x, conn, G, shear, mu, beyond, out):
+    """Element loop of `relaxing_stress`; arrays as in `kernels`."""
     F, inv_T = np.empty((3, 3)), np.empty((3, 3))
     for e in range(len(mu)):
+        a0 = beyond[e, 2:]
         for q in range(G.shape[1]):
             I1 = deformation_gradient(x, conn[e], G[e, q], F)
-            scale = shear[q] * mu[e] * inverse_transpose(F, inv_T) ** (-2.0 / 3.0)
+            root = inverse_transpose(F, inv_T) ** (-2.0 / 3.0)
+            scale = shear[q] * (mu[e] + 4.0 * beyond[e, 0] * (root * I1 - 3.0)) * root
+            I4 = 0.0
+            for i in range(3):
+                I4 += (F[i, 0] * a0[0] + F[i, 1] * a0[1] + F[i, 2] * a0[2]) ** 2
+            pull = shear[q] * 2.0 * beyond[e, 1] * (I4 - 1.0)
             for i in range(3):
                 for k in range(3):
                     C_inv = (inv_T[0, i] * inv_T[0, k] + inv_T[1, i] * inv_T[1, k]
                              + inv_T[2, i] * inv_T[2, k])
-                    out[e, q, i, k] = scale * ((1.0 if i == k else 0.0) - I1 / 3.0 * C_inv)
+                    out[e, q, i, k] = (scale * ((1.0 if i == k else 0.0) - I1 / 3.0 * C_inv)
+                                       + pull * a0[i] * a0[k])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import simpson
 
-from arm_brachy.tissue.body import Pad, SoftBody, StepFields, TetMesh
+from arm_brachy.tissue.body import Fibres, Pad, SoftBody, StepFields, TetMesh
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.material import energy, moduli, stress
 from arm_brachy.tissue.mesh import quadratic_mesh
@@ -60,19 +60,26 @@ def damage(stretch):
     return TERM.damage * (1.0 - math.exp(-density(stretch) / TERM.energy))
 
 
-def test_energy_is_that_of_the_solvers_material():
+BEYOND = {'stiffening': np.array([0.8 * MU]),
+          'fibres': Fibres(np.array([0.5 * MU]), np.array([[0.6, 0.0, 0.8]]))}
+
+
+@pytest.mark.parametrize('law', [{}, BEYOND], ids=['neo-hooke', 'beyond'])
+def test_energy_is_that_of_the_solvers_material(law):
     """No bulk modulus, and the mean of an element over its volume: quadratic, bent."""
     mesh = quadratic_mesh(one_element().mesh)
-    body = SoftBody(mesh, np.array([MU]), np.array([KAPPA]), np.array([1e3]), np.zeros(0, int))
+    body = SoftBody(mesh, np.array([MU]), np.array([KAPPA]), np.array([1e3]), np.zeros(0, int),
+                    **law)
     F = np.eye(3) + 0.3 * np.random.default_rng(1).uniform(-1.0, 1.0, (3, 3))
-    np.testing.assert_allclose(isochoric_energy(body, mesh.nodes @ F.T), energy(F, MU, 0.0))
+    np.testing.assert_allclose(isochoric_energy(body, mesh.nodes @ F.T),
+                               energy(F, MU, 0.0, body.beyond[0]))
     X = mesh.nodes / 0.01
     bent = mesh.nodes + 0.002 * np.column_stack([X[:, 2] ** 2, X[:, 0] ** 2, 0.0 * X[:, 0]])
     got = isochoric_energy(body, bent)[0]
     L = np.random.default_rng(2).dirichlet(np.ones(4), 200000)[:, 1:]  # uniform in the element
     F = np.zeros((len(L), 3, 3)) + np.eye(3)
     F[:, 0, 2], F[:, 1, 0] = 0.4 * L[:, 2], 0.4 * L[:, 0]
-    assert got == pytest.approx(energy(F, MU, 0.0).mean(), rel=5e-3)
+    assert got == pytest.approx(energy(F, MU, 0.0, body.beyond[0]).mean(), rel=5e-3)
 
 
 def test_first_loading_softens_as_it_goes():

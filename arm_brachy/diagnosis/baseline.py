@@ -1,0 +1,153 @@
+"""A model's states in a recording and how every observable there answers to forces and motions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.core.errors import ConfigError, NotConverged
+from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
+from arm_brachy.diagnosis.trajectory import evolve
+from arm_brachy.tissue.contact_pads import touches
+from arm_brachy.tissue.jacobian import Linearisation, pad_translations
+from arm_brachy.tissue.newton import StaticSolver
+from arm_brachy.tissue.sensitivity import moduli_derivative
+
+NEAR = 5e-5     # m: states whose pads are closer share a factor; what they differ by counts
+                # to second order, NEAR^2 over the size of a pad, 0.2 um
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives of r observables at one state: the points in the tissue, then the pad forces.
+
+    force : (r, 3n) adjoint states a': minus the derivative by a change of `Assembler.forces` at
+        fixed x, single precision; zero at fixed nodes
+    held : (d,) the rows of held nodes, 3 node + axis;  motion : (r, d) derivative by their motion
+    pads : (r, p, 3) derivative by displacements of the pads
+    moduli : (r, 2m) derivative by (mu, kappa) of every element [per Pa], single precision; None
+        where the model's memory adds stress that is not linear in them
+    """
+
+    force: np.ndarray
+    held: np.ndarray
+    motion: np.ndarray
+    pads: np.ndarray
+    moduli: np.ndarray | None
+
+    def change(self, motion, rate):
+        """Return the change (r,) by a motion (n, 3) [m] of held nodes and a rate (n, 3) [N]."""
+        return (self.motion @ motion.ravel()[self.held]
+                - self.force @ rate.ravel().astype(np.float32))
+
+
+class Baseline:
+    """A forward.ForwardModel along a recording, linearised at n states.
+
+    model : ForwardModel with pads bonded;  encoder : transmission.Path
+    t : (n,) [s], increasing, stamps of the recording
+    trajectory : trajectory.Trajectory with the times between, for memories;  at : (n,) the states
+        in it;  path : transmission.Path of the pads
+    truth : n dicts kind -> (c, 3), before the sensors;  forces : (n, nodes, 3) [N]
+    fields : n StepFields;  group : (n,) into `sensitivities`
+    Raises ConfigError for a model with touching pads, NotConverged at a state that is not found
+    or not stable. Linear answers of a model with memory leave out what the change would have
+    done to the memory until then.
+    """
+
+    def __init__(self, model, encoder, t):
+        if touches(model.body).any():
+            raise ConfigError('the model has pads that touch; must be bonded to be linearised; '
+                              'leave pad_slip out, or fit it by full runs')
+        self.model, self.encoder, self.t = model, encoder, np.asarray(t, dtype=float)
+        self.path = model.pad_path(encoder, self.t)
+        self.trajectory = model.trajectory(self.path, self.t, kinks=True)
+        self._refuse_lost()
+        self.at = np.searchsorted(self.trajectory.t, self.t)
+        self.truth = [model.truth(self.trajectory, i) for i in self.at]
+        self.solver = StaticSolver(model.body)
+        self.fields = self._fields()
+        self.forces = np.stack([self.solver.assembler.forces(self.x(i), fields)
+                                for i, fields in enumerate(self.fields)])
+        self.group, first = self._groups()
+        self.sensitivities = self._linearise(first)
+
+    def x(self, i):
+        """Positions (n, 3) [m] of the nodes at state i."""
+        return self.trajectory.x[self.at[i]]
+
+    def pads(self, i):
+        """Displacements (p, 3) [m] of the pads at state i."""
+        return self.trajectory.pads[self.at[i]]
+
+    def base(self, i):
+        """Displacement (3,) [m] of the base at state i."""
+        return self.trajectory.base[self.at[i]]
+
+    def sensitivity(self, i):
+        """The Sensitivity of state i."""
+        return self.sensitivities[self.group[i]]
+
+    def split(self, change):
+        """Sort a change (r,) of observables by stream: kind -> (c, 3), zero off the tissue."""
+        inside, k = self.model.attached.inside, len(self.model.specimen.markers)
+        points = np.zeros((len(inside), 3))
+        points[inside] = change[:3 * inside.sum()].reshape(-1, 3)
+        return {OPTICAL: points[:k], EM: points[k:],
+                FORCE: change[3 * inside.sum():].reshape(-1, 3)}
+
+    def _refuse_lost(self):
+        valid = self.trajectory.valid
+        if not valid.all():
+            i = int(np.argmin(valid))
+            outcome = self.trajectory.outcomes[i]
+            raise NotConverged(f'the model has no state at {self.trajectory.t[i]:.2f} s '
+                               f'({outcome.name}: {outcome.advice})')
+
+    def _fields(self):
+        wanted = dict.fromkeys(self.at.tolist())
+        for i, fields in enumerate(evolve(self.model.body, self.model.body_terms,
+                                          self.trajectory)):
+            if i in wanted:
+                wanted[i] = fields
+        return [wanted[i] for i in self.at.tolist()]
+
+    def _groups(self):
+        """(group (n,), its first state): alike in the places of the pads, one each with memory."""
+        if self.model.remembers:
+            return np.arange(len(self.t)), np.arange(len(self.t))
+        flat = self.trajectory.pads[self.at].reshape(len(self.t), -1)
+        group, first = np.full(len(self.t), -1), []
+        for i in range(len(self.t)):
+            if group[i] < 0:
+                close = np.abs(flat - flat[i]).max(axis=1, initial=0.0) <= NEAR
+                group[close & (group < 0)] = len(first)
+                first.append(i)
+        return group, np.array(first)
+
+    def _linearise(self, states):
+        inside = self.model.attached.embedding
+        n, p = self.solver.assembler.n, len(self.model.body.pads)
+        k = len(inside.nodes)
+        x_bar, pad_bar = np.zeros((3 * n, 3 * (k + p))), np.zeros((3 * p, 3 * (k + p)))
+        x_bar[:, :3 * k] = np.kron(inside.matrix(n).toarray().T, np.eye(3))
+        pad_bar[:, 3 * k:] = np.eye(3 * p)
+        held, found, linearisation = _rows(self.solver.free.held), [], None
+        translations = pad_translations(self.model.body)[held]
+        for i in states:
+            if linearisation is None:
+                linearisation = Linearisation(self.solver, self.x(i), self.fields[i])
+            else:
+                linearisation.move_to(self.x(i), self.fields[i])
+            a, h = linearisation.adjoint(x_bar, pad_bar)
+            by_moduli = None
+            if not self.model.remembers:
+                by_moduli = -(moduli_derivative(linearisation).T @ a).T.astype(np.float32)
+            found.append(Sensitivity(
+                np.ascontiguousarray(a.T, dtype=np.float32), held,
+                np.ascontiguousarray(h[held].T),
+                (h[held].T @ translations).reshape(-1, p, 3), by_moduli))
+        return found
+
+
+def _rows(nodes):
+    return (3 * nodes[:, None] + np.arange(3)).ravel()

@@ -1,0 +1,165 @@
+"""What no diagnosis can be made of, refused in one line: units, wrong scene, wrong clocks."""
+
+import numpy as np
+
+from arm_brachy.core.errors import RecordingError
+from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE
+from arm_brachy.evaluation.regimes import TOUCH
+from arm_brachy.recording.rigid import fit_rigid
+
+OUT_OF_SCALE = 30.0     # between any honest misfit and the 1000 of a wrong unit
+SHARED = 0.5            # of the shorter stream that must lie within the other's time
+MISSHAPEN = 0.15        # of the markers' rms distance from their middle, left by a rigid fit
+LEAST_TRAVEL = 0.02     # of the radius of a pad
+LEAST_MOTION = 5.0      # standard deviations, of a body without pads
+MEDIAN_CHI2 = 0.4549    # of a squared standard normal
+
+
+def refuse_empty(name, streams):
+    """Raise RecordingError if no stream was recorded."""
+    if not streams:
+        raise RecordingError(f'{name}: holds no encoders, forces, markers or EM tools; record '
+                             'actuators/state and at least one of optical/markers, em/.../pose, '
+                             'force/.../wrench')
+
+
+def refuse_wrong_units(name, streams, scene):
+    """Raise RecordingError if a stream is out of scale with the scene by more than 30 times.
+
+    Compared are: travel with the pads' stroke, the spread (or distance from the origin) of
+    positions with that in the scene, and forces with what a rigid punch of the pad's radius needs
+    on an elastic half space, F = 2 r E q / (1 - nu^2) (Sneddon 1965, Int J Eng Sci 3:47).
+    """
+    for kind in (OPTICAL, EM):
+        if kind in streams:
+            _check_positions(name, streams[kind], scene)
+    if ENCODER in streams and scene.pads:
+        stroke = max(pad.stroke for pad in scene.pads)
+        travel = float(np.nanmax(np.abs(streams[ENCODER].values)))
+        if stroke > 0.0 and travel > OUT_OF_SCALE * stroke:
+            raise RecordingError(
+                f'{name}: the encoders reach {travel:.3g} m, the pads of scene {scene.name} have '
+                f'a stroke of {stroke:.3g} m; lengths must be in metres: mend the unit of the '
+                'import')
+        if FORCE in streams:
+            _check_forces(name, streams[FORCE], travel, scene)
+
+
+def _check_positions(name, stream, scene):
+    """Compare spreads; of a single point only its distance from the origin, and only upwards."""
+    middle = np.nanmedian(stream.values, axis=0)
+    measured, expected = _spread(middle), _spread(stream.rest)
+    if expected > 0.0:
+        wrong = not expected / OUT_OF_SCALE <= measured <= expected * OUT_OF_SCALE
+    else:
+        measured, expected = float(np.linalg.norm(middle, axis=1).max()), _reach(scene)
+        wrong = measured > OUT_OF_SCALE * expected
+    if wrong:
+        raise RecordingError(
+            f'{name}: {stream.kind} positions span {measured:.3g} m, in scene {scene.name} '
+            f'{expected:.3g} m; lengths must be in metres: mend the unit of the import')
+
+
+def _spread(points):
+    return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
+
+
+def _reach(scene):
+    """Largest distance from the origin of anything in the scene [m]."""
+    points = [pad.centre for pad in scene.pads]
+    points += [item.position for item in (*scene.markers, *scene.targets)]
+    return float(np.linalg.norm(np.array(points), axis=1).max())
+
+
+def _check_forces(name, stream, travel, scene):
+    radius = max(pad.radius for pad in scene.pads)
+    punch = 2.0 * radius * scene.material.E * travel / (1.0 - scene.material.nu ** 2)
+    largest = float(np.nanmax(np.abs(stream.values)))
+    if largest > OUT_OF_SCALE * max(punch, 1.0):
+        raise RecordingError(
+            f'{name}: forces reach {largest:.3g} N, where pushing {1e3 * travel:.3g} mm into '
+            f'scene {scene.name} takes about {punch:.3g} N; forces must be in newtons: mend the '
+            'unit of the import')
+
+
+def refuse_apart_in_time(name, streams):
+    """Raise RecordingError if a stream shares less than half of the shorter one's time."""
+    first = streams.get(ENCODER) or next(iter(streams.values()))
+    for stream in streams.values():
+        shared = min(first.t[-1], stream.t[-1]) - max(first.t[0], stream.t[0])
+        shorter = min(first.t[-1] - first.t[0], stream.t[-1] - stream.t[0])
+        if stream is not first and shared < SHARED * shorter:
+            raise RecordingError(
+                f'{name}: {first.kind} runs from {first.t[0]:.6g} to {first.t[-1]:.6g} s, '
+                f'{stream.kind} from {stream.t[0]:.6g} to {stream.t[-1]:.6g} s; they must overlap: '
+                'bring both on one clock before the import')
+
+
+def refuse_other_shape(name, streams, scene):
+    """Raise RecordingError if the markers at rest are not those of the scene, wherever they lie.
+
+    A rigid fit of three markers or more, over the frames in which no pad pushes, may leave at most
+    15 % of the markers' spread. Scenes without pads are compared at their first frames, with the
+    tissue free to hang.
+    """
+    stream = streams.get(OPTICAL)
+    if stream is None:
+        return
+    frames = _unpushed(streams)
+    if frames is None:
+        stream = stream.channels(np.setdiff1d(np.arange(len(stream.names)), stream.on(TISSUE)))
+        frames = slice(None, 10)
+    seen = stream.valid[_frames(stream, frames)].any(axis=0)
+    if seen.sum() < 3:
+        return
+    stream = stream.channels(np.flatnonzero(seen))
+    found = np.nanmedian(stream.values[_frames(stream, frames)], axis=0)
+    size = _spread(stream.rest)
+    try:
+        left = fit_rigid(found, stream.rest).residual
+    except RecordingError:   # three markers on a line leave a rotation open
+        return
+    misfit = float(np.sqrt(np.mean(left ** 2)))
+    if misfit > MISSHAPEN * size:
+        worst = [stream.names[i] for i in np.argsort(-left)[:2]]
+        raise RecordingError(
+            f'{name}: at rest the markers miss those of scene {scene.name} by {1e3 * misfit:.3g} '
+            f'mm rms after the best rigid fit, {100.0 * misfit / size:.0f} % of their spread, at '
+            f'most {100.0 * MISSHAPEN:.0f} % is a deformation; most at {worst[0]} and {worst[1]}: '
+            'give the scene it was made with, or mend exchanged names')
+
+
+def _unpushed(streams):
+    """(t_start, t_end) of the first time without a push; None if there was none."""
+    if ENCODER not in streams:
+        return None
+    encoder = streams[ENCODER]
+    pushed = (np.nan_to_num(encoder.values[..., 0]) > TOUCH).any(axis=1)
+    if pushed[0]:
+        return None
+    end = int(np.argmax(pushed)) if pushed.any() else len(pushed) - 1
+    return encoder.t[0], encoder.t[max(end - 1, 0)]
+
+
+def _frames(stream, span):
+    if isinstance(span, slice):
+        return span
+    return (stream.t >= span[0]) & (stream.t <= span[1])
+
+
+def refuse_too_little_motion(name, streams, scene):
+    """Raise RecordingError if nothing moved: pads by 2 % of their radius, else markers by noise."""
+    if scene.pads:
+        travel = float(np.nanmax(np.ptp(streams[ENCODER].values[..., 0], axis=0)))
+        least = LEAST_TRAVEL * max(pad.radius for pad in scene.pads)
+        if travel < least:
+            raise RecordingError(
+                f'{name}: no pad travels more than {1e3 * travel:.3g} mm; a diagnosis needs at '
+                f'least {1e3 * least:.2g} mm: push further (or mend the unit of the import)')
+        return
+    stream = streams.get(OPTICAL) or streams[EM]
+    steps = np.diff(stream.values, axis=0)
+    noise = np.sqrt(np.nanmedian(steps ** 2, axis=0) / (2.0 * MEDIAN_CHI2))
+    if not np.any(np.nanstd(stream.values, axis=0) > LEAST_MOTION * noise):
+        raise RecordingError(f'{name}: nothing moves beyond the noise of {stream.kind}; a '
+                             'diagnosis needs a load that changes')

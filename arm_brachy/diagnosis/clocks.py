@@ -1,0 +1,100 @@
+"""How late each stream is against the encoders, without a model of the tissue.
+
+A stream is regressed on the history of the encoders (powers, products, memories); that it is late
+by D shows as -D d/dt of the part so explained. Memories are fitted beside it, so that a tissue that
+relaxes is not taken for a clock: what decides are the corners of the motion.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.diagnosis.history import history_columns
+from arm_brachy.diagnosis.regression import BLOCK, whitened
+
+REACH = 0.01       # s, over which slopes are taken
+PASSES = 4
+LOUD = 1.5         # times its noise, rms, that a channel must follow the pads to be asked
+CLOSE = 0.05       # of the standard deviation, when to stop
+FEWEST = 50        # samples of a channel
+
+
+@dataclass(frozen=True)
+class Lateness:
+    """How late a stream's stamps are. value, sd : [s];  channels : names that were asked."""
+
+    value: float
+    sd: float
+    channels: tuple
+
+
+def lateness(stream, travel, touch, noise, *, memory=True):
+    """Lateness of a Stream against `travel`; None if no channel follows the pads loudly enough.
+
+    travel : (tt (m,) [s], q (m, p) [m]) of the pads, by the clock of reference
+    touch : [m] less travel counts as none;  noise : noise.Noise of the stream
+    memory : let the stream remember (forces, tissue); False for what is rigid
+    The standard error is the larger of what the noise gives and of the block estimate over 1 s,
+    which sees what the regressors do not explain. Valid for delays below half the shortest ramp.
+    Test: diagnosis/test_clocks.py
+    """
+    inside = (stream.t >= travel[0][0]) & (stream.t <= travel[0][-1])
+    t, valid = stream.t[inside], stream.valid[inside]
+    often = np.flatnonzero(valid.sum(axis=0) >= FEWEST)
+    if not len(often) or len(t) < FEWEST:
+        return None
+    y, mask, sd = _series(t, stream.values[inside][:, often], valid[:, often], noise.sd[often])
+    late, asked = 0.0, None
+    for _ in range(PASSES):
+        step, error, loud = _step(t - late, t, y, mask, sd, travel, touch, noise.colour, memory)
+        if not loud.any():
+            return None
+        late, asked = late + step, loud
+        if abs(step) < CLOSE * error:
+            break
+    c = stream.values.shape[2]
+    names = tuple(stream.names[often[i]] for i in np.flatnonzero(asked.reshape(-1, c).any(axis=1)))
+    return Lateness(float(late), float(error), names)
+
+
+def _series(t, values, valid, sd):
+    """All components side by side (n, s), gaps bridged; where they were seen; their noise (s,)."""
+    n, k, c = values.shape
+    flat, mask = values.reshape(n, -1).copy(), np.repeat(valid, c, axis=1)
+    for j in range(flat.shape[1]):
+        seen = mask[:, j]
+        flat[~seen, j] = np.interp(t[~seen], t[seen], flat[seen, j])
+    return flat - flat.mean(axis=0), mask, sd.reshape(-1)
+
+
+def _step(then, t, y, mask, sd, travel, touch, colour, memory):
+    """One Gauss-Newton step of the delay, its error, and which series follow the pads."""
+    B, slope = _basis(then, travel, touch, memory)
+    everywhere = np.ones(len(t), dtype=bool)
+    W = whitened(t, B, colour, everywhere)
+    Y = whitened(t, y / sd, colour, everywhere)
+    Q, R = np.linalg.qr(W)
+    beta = np.linalg.lstsq(R, Q.T @ Y, rcond=1e-8)[0]
+    loud = np.sqrt(np.mean((B[:, 1:] @ beta[1:]) ** 2, axis=0)) > LOUD
+    D = whitened(t, -slope @ beta, colour, everywhere)
+    D = np.where(mask, D - Q @ (Q.T @ D), 0.0)[:, loud]
+    left = np.where(mask, Y - W @ beta, 0.0)[:, loud]
+    power = float(np.sum(D ** 2))
+    if power == 0.0:
+        return 0.0, np.inf, np.zeros_like(loud)
+    score = np.sum(D * left, axis=1)
+    first = np.concatenate([[0], np.flatnonzero(np.diff(((t - t[0]) / BLOCK).astype(int))) + 1])
+    blocks = np.sqrt(np.sum(np.add.reduceat(score, first) ** 2)) / power
+    return float(score.sum() / power), max(1.0 / np.sqrt(power), float(blocks)), loud
+
+
+def _basis(then, travel, touch, memory):
+    """Regressors (n, 1 + p), a constant first, and their slopes in time."""
+    columns = history_columns(then, travel, touch, memory=memory)
+    after = history_columns(then + REACH, travel, touch, memory=memory)
+    before = history_columns(then - REACH, travel, touch, memory=memory)
+    n = len(then)
+    B = np.stack([np.ones(n), *columns.values()], axis=1)
+    slope = np.stack([np.zeros(n), *((after[k] - before[k]) / (2.0 * REACH) for k in columns)],
+                     axis=1)
+    return B, slope

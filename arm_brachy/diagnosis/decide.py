@@ -1,0 +1,235 @@
+"""From responses to a verdict: one cause, a class of causes, two causes, nothing, or no idea.
+
+All is judged on one whitened residual r and on what may be in it besides: nuisances and errors of
+the mesh, U (`inference`). Causes come as explanations: columns by which their parameters, each at
+one prior standard deviation, move r; a cause with a free place has one explanation for each place.
+
+The order of the steps is what keeps claims honest. Nothing is claimed unless something is left by
+structured tests or a cause gains evidence beyond chance; nothing is named unless it also predicts
+kinds of experiment that it was not fitted to, and leaves nothing; what these data cannot tell from
+it is named with it.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.special import logsumexp
+
+from arm_brachy.core.quantity import quantity
+from arm_brachy.diagnosis.adequacy import scan
+from arm_brachy.diagnosis.inference import separation
+
+VERDICTS = Literal['named', 'equivalent', 'nothing_missing', 'unexplained']
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When to claim. Evidence and scores are natural logarithms of probability ratios."""
+
+    evidence: float = quantity(8.0, '', 'least gain in evidence of a cause', low=0.0, high=1e3,
+                               source='own choice: e^-8 by chance (Markov), thirty causes: 1 %')
+    held_out: float = quantity(3.0, '', 'least gain in predicting kinds held out', low=0.0,
+                               high=1e3, source='own choice: odds of 20')
+    rival: float = quantity(4.0, '', 'least lead in evidence over a rival that is alike',
+                            low=0.0, high=1e3, source='own choice: odds of 50')
+    apart: float = quantity(3.0, '', 'separation below which two causes are one class [sd]',
+                            low=0.0, high=100.0,
+                            source='own choice: three standard deviations')
+    alarm: float = quantity(1e-3, '', 'chance of a structured test below which something is left',
+                            low=1e-6, high=0.5, source='own choice: one in a thousand')
+    partners: int = 12   # causes, best first, that are tried in pairs
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One way in which a cause may show.
+
+    cause : term of the registry;  variant : which actuator, marker or place ('' = it has none)
+    columns : (n, p) change of r per prior standard deviation of each parameter
+    log_prior : of the cause before the data, natural logarithm
+    """
+
+    cause: str
+    variant: str
+    columns: np.ndarray
+    log_prior: float = 0.0
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be explained.
+
+    r : (n,) residual over noise;  U : (n, k) nuisances and mesh, in prior standard deviations
+    kinds : (n,) kind of experiment of every row, whole kinds are held out
+    tests : (n, m) columns of structured tests (`adequacy.per_channel`)
+    explanations : tuple of Explanation
+    """
+
+    r: np.ndarray
+    U: np.ndarray
+    kinds: np.ndarray
+    tests: np.ndarray
+    explanations: tuple
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What a cause is worth.
+
+    explanations : the best one, or both of a pair;  evidence, held_out : gains over no cause
+    mean, sd : (p,) of its parameters, in prior standard deviations
+    separation : from the cause that was accepted [sd]; inf for itself
+    """
+
+    explanations: tuple
+    evidence: float
+    held_out: float
+    mean: np.ndarray
+    sd: np.ndarray
+    separation: float = np.inf
+
+    @property
+    def causes(self):
+        """Names of its causes."""
+        return tuple(e.cause for e in self.explanations)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The verdict and what speaks for it.
+
+    accepted : Candidate that is named or heads the class; None if none is
+    equals : Candidates that these data cannot tell from it
+    ranked : all single causes, best first
+    left : adequacy.Scan with the accepted cause, or without any;  before : Scan without any
+    """
+
+    verdict: VERDICTS
+    accepted: Candidate | None
+    equals: tuple
+    ranked: tuple
+    left: object
+    before: object
+
+
+class _Common:
+    """Inner products in C^-1 = (I + U U')^-1 on some of the rows."""
+
+    def __init__(self, problem, rows=slice(None)):
+        self.rows, self.U, self.r = rows, problem.U[rows], problem.r[rows]
+        self._factor = cholesky(np.eye(self.U.shape[1]) + self.U.T @ self.U, lower=True)
+        self._told = self._seen(self.r)
+
+    def _seen(self, v):
+        return solve_triangular(self._factor, self.U.T @ v, lower=True)
+
+    def normal(self, columns):
+        """(X' C^-1 X (p, p), X' C^-1 r (p,)) of columns given for all rows."""
+        X = columns[self.rows]
+        seen = self._seen(X)
+        return X.T @ X - seen.T @ seen, X.T @ self.r - seen.T @ self._told
+
+    def gain(self, columns):
+        """Log evidence of columns with normal coefficients over none.
+
+        a'(I + B)^-1 a / 2 - log det(I + B) / 2, B = X'C^-1 X, a = X'C^-1 r.
+        """
+        B, a = self.normal(columns)
+        factor = cholesky(np.eye(len(a)) + B, lower=True)
+        half = solve_triangular(factor, a, lower=True)
+        return 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
+
+
+class Judge:
+    """Decides on one Problem.
+
+    rng : numpy.random.Generator for the distribution of structured tests
+    """
+
+    def __init__(self, problem, rng, rules=None):
+        self.problem, self.rules, self._rng = problem, rules or Rules(), rng
+        self._all = _Common(problem)
+        kinds = np.unique(problem.kinds)
+        self._without = [_Common(problem, problem.kinds != kind) for kind in kinds]
+
+    def decide(self):
+        """Return the Decision."""
+        before, ranked = self._scan(()), self._singles()
+        if before.chance >= self.rules.alarm and not self._claims(ranked[:1]):
+            return Decision('nothing_missing', None, (), ranked, before, before)
+        tried = ranked[:1] if self._claims(ranked[:1]) else ()
+        left = self._scan(tried[0].explanations) if tried else before
+        if not tried or left.chance < self.rules.alarm:
+            pair = self._best_pair(ranked)
+            if pair is not None and self._claims((pair,), over=tried):
+                tried, left = (pair,), self._scan(pair.explanations)
+        if not tried or left.chance < self.rules.alarm:
+            return Decision('unexplained', None, (), ranked, left, before)
+        equals = self._equals(tried[0], ranked)
+        return Decision('equivalent' if equals else 'named', tried[0], equals, ranked, left,
+                        before)
+
+    def _claims(self, candidates, over=()):
+        """True if the first candidate stands out, from no cause and from those in `over`."""
+        if not candidates:
+            return False
+        one, base = candidates[0], over[0] if over else None
+        evidence = one.evidence - (base.evidence if base else 0.0)
+        held_out = one.held_out - (base.held_out if base else 0.0)
+        return evidence >= self.rules.evidence and held_out >= self.rules.held_out
+
+    def _singles(self):
+        """The best Candidate of every cause, by evidence averaged over its variants."""
+        by_cause = {}
+        for one in self.problem.explanations:
+            by_cause.setdefault(one.cause, []).append(one)
+        found = []
+        for variants in by_cause.values():
+            gains = np.array([self._all.gain(v.columns) for v in variants])
+            evidence = logsumexp(gains) - np.log(len(gains)) + variants[0].log_prior
+            found.append(self._candidate((variants[int(gains.argmax())],), evidence))
+        return tuple(sorted(found, key=lambda c: -c.evidence))
+
+    def _best_pair(self, ranked):
+        """The pair of causes with the most evidence; None if there are not two."""
+        best = None
+        for one, other in combinations(ranked[:self.rules.partners], 2):
+            both = one.explanations + other.explanations
+            evidence = self._all.gain(_stacked(both)) + sum(e.log_prior for e in both)
+            if best is None or evidence > best[0]:
+                best = (evidence, both)
+        return None if best is None else self._candidate(best[1], best[0])
+
+    def _candidate(self, explanations, evidence):
+        columns = _stacked(explanations)
+        B, a = self._all.normal(columns)
+        covariance = np.linalg.inv(np.eye(len(a)) + B)
+        held_out = sum(self._all.gain(columns) - without.gain(columns)
+                       for without in self._without)
+        return Candidate(explanations, float(evidence), float(held_out), covariance @ a,
+                         np.sqrt(np.diag(covariance)))
+
+    def _scan(self, explanations):
+        U = np.hstack([self.problem.U, *(e.columns for e in explanations)])
+        return scan(U, self.problem.r, self.problem.tests, self._rng)
+
+    def _equals(self, accepted, ranked):
+        """Single causes that are not told from the accepted one, each at its own best variant."""
+        effect = _stacked(accepted.explanations) @ accepted.mean
+        out = []
+        for rival in ranked:
+            if set(rival.causes) & set(accepted.causes):
+                continue
+            apart = separation(self.problem.U, effect, _stacked(rival.explanations))
+            close = accepted.evidence - rival.evidence < self.rules.rival
+            if apart < self.rules.apart or close and self._claims((rival,)):
+                out.append(Candidate(rival.explanations, rival.evidence, rival.held_out,
+                                     rival.mean, rival.sd, apart))
+        return tuple(out)
+
+
+def _stacked(explanations):
+    return np.hstack([e.columns for e in explanations])

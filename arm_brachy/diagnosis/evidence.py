@@ -1,0 +1,224 @@
+"""One recording as the diagnosis sees it: what a real cell would have published, nothing else."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from arm_brachy.cell import pad_directions
+from arm_brachy.core.errors import RecordingError
+from arm_brachy.core.scene import Scene
+from arm_brachy.diagnosis import checks
+from arm_brachy.diagnosis.stream import (
+    EM,
+    ENCODER,
+    FORCE,
+    OPTICAL,
+    TISSUE,
+    Stream,
+    thinned,
+)
+from arm_brachy.offline import load_run, with_scene
+
+RATE = 100.0        # Hz: pads move in tenths of a second, soft bodies ring below 10 Hz
+SAMPLES = 300_000   # per stream over all recordings together: 220 MB for thirty markers
+FEWEST = 10         # samples of a channel, with fewer it says nothing
+BASE_WRENCH = 'base'  # force/base/wrench: a balance under the base plate
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The measured streams of one recording beside the scene that it claims to show.
+
+    name : of the recording;  scene : core.scene.Scene
+    directions : (p, 3) unit push directions of its pads, order of the scene
+    streams : kind -> Stream; encoders and forces have a channel per pad that was measured
+    base_force : Stream of one channel [N], what the base plate feels; None = not measured
+    notes : sentences on what was left out, averaged or replaced
+    """
+
+    name: str
+    scene: Scene
+    directions: np.ndarray
+    streams: dict
+    base_force: Stream | None = None
+    notes: tuple = ()
+
+    @property
+    def pads(self):
+        """Names of the pads, order of the scene."""
+        return tuple(pad.name for pad in self.scene.pads)
+
+    def get(self, kind):
+        """The Stream of one kind, or None."""
+        return self.streams.get(kind)
+
+    @property
+    def span(self):
+        """First and last time [s] at which every stream was there."""
+        return (max(s.t[0] for s in self.streams.values()),
+                min(s.t[-1] for s in self.streams.values()))
+
+
+def load_evidence(bags, scene):
+    """Read bags (paths) one after another; returns a tuple of Evidence.
+
+    Memory is bounded by SAMPLES, shared out among the recordings: many or long ones are averaged
+    to a lower rate, which their notes say. Raises RecordingError.
+    """
+    bags = list(bags)
+    return tuple(evidence_of(load_run(bag), scene, samples=SAMPLES // len(bags)) for bag in bags)
+
+
+def evidence_of(run, scene, *, samples=SAMPLES):
+    """What RunData `run` shows of `scene` (core.scene.Scene), checked.
+
+    samples : largest number per stream; longer streams, and those faster than RATE, are averaged
+    Uses encoders, pad forces, optical markers and EM tools; the truth that a simulated recording
+    also holds is never touched. Markers and tools that the scene does not know, or that were
+    hardly ever seen, are left out with a note.
+    Raises RecordingError if nothing can be made of it: actuators, markers or shape of another
+    scene, units wrong, streams that do not overlap in time, nothing moved.
+    Test: diagnosis/test_evidence.py
+    """
+    notes = []
+    base = _base_force(run)
+    run = with_scene(run, scene)
+    found = [_encoder(run), _force(run), _optical(run, scene, notes), _em(run, scene, notes)]
+    streams = {s.kind: _fit_in(_in_order(s, run.name, notes), samples, notes)
+               for s in found if s is not None}
+    checks.refuse_empty(run.name, streams)
+    checks.refuse_wrong_units(run.name, streams, scene)
+    if scene.pads and ENCODER not in streams:
+        streams[ENCODER] = _travel_from_markers(run.name, streams, scene, notes)
+    checks.refuse_apart_in_time(run.name, streams)
+    checks.refuse_other_shape(run.name, streams, scene)
+    checks.refuse_too_little_motion(run.name, streams, scene)
+    if base is not None:
+        base = _fit_in(_in_order(base, run.name, notes), samples, notes)
+    return Evidence(run.name, scene, pad_directions(scene), streams, base, tuple(notes))
+
+
+def _encoder(run):
+    if run.encoder is None or not run.encoder_pads:
+        return None
+    values = np.array(run.encoder.values, dtype=float)[..., None]
+    return Stream(ENCODER, run.encoder.t, run.encoder_pads, values,
+                  np.isfinite(values).all(axis=2), run.encoder_pads,
+                  np.zeros((len(run.encoder_pads), 1)))
+
+
+def _force(run):
+    if run.force is None or not run.force_pads:
+        return None
+    values = np.array(run.force.values, dtype=float)
+    return Stream(FORCE, run.force.t, run.force_pads, values, np.isfinite(values).all(axis=2),
+                  run.force_pads, np.zeros((len(run.force_pads), 3)))
+
+
+def _base_force(run):
+    if run.force is None or BASE_WRENCH not in run.force_pads:
+        return None
+    values = np.array(run.force.values, dtype=float)[:, [run.force_pads.index(BASE_WRENCH)]]
+    return Stream(FORCE, run.force.t, (BASE_WRENCH,), values, np.isfinite(values).all(axis=2),
+                  (BASE_WRENCH,), np.zeros((1, 3)))
+
+
+def _optical(run, scene, notes):
+    if run.optical is None or not len(run.optical.t):
+        return None
+    markers = {m.name: m for m in scene.markers}
+    kept = _known('optical markers', run.name, run.optical.ids, tuple(markers), scene, notes)
+    values = np.where(run.optical.visible[:, kept, None], run.optical.points[:, kept], np.nan)
+    names = tuple(run.optical.ids[i] for i in kept)
+    stream = Stream(OPTICAL, run.optical.t, names, values, np.isfinite(values).all(axis=2),
+                    tuple(markers[n].body for n in names),
+                    np.array([markers[n].position for n in names]))
+    return _seen(stream, 'marker', notes)
+
+
+def _em(run, scene, notes):
+    """All tools on one time axis; a tool that another's frame did not hold is not valid there."""
+    tracked = {tool: samples.tracked() for tool, samples in run.em.items()}
+    if not any(len(series) for series in tracked.values()):
+        return None
+    targets = {target.name: target for target in scene.targets}
+    kept = _known('EM tools', run.name, tuple(tracked), tuple(targets), scene, notes)
+    names = tuple(tuple(tracked)[i] for i in kept)
+    t = np.unique(np.concatenate([tracked[name].t for name in names]))
+    values = np.full((len(t), len(names), 3), np.nan)
+    for i, name in enumerate(names):
+        values[np.searchsorted(t, tracked[name].t), i] = tracked[name].values
+    stream = Stream(EM, t, names, values, np.isfinite(values).all(axis=2), (TISSUE,) * len(names),
+                    np.array([targets[name].position for name in names]))
+    return _seen(stream, 'EM tool', notes)
+
+
+def _known(what, name, given, wanted, scene, notes):
+    """Indices of the names that the scene knows. Raises RecordingError if it knows none."""
+    kept = [i for i, one in enumerate(given) if one in wanted]
+    if not kept:
+        raise RecordingError(
+            f'{name}: has the {what} {", ".join(given) or "none"}; scene {scene.name} knows '
+            f'{", ".join(wanted) or "none"}; give the scene it was made with, or name them alike')
+    strange = [one for one in given if one not in wanted]
+    if strange:
+        notes.append(f'{what} that the scene does not know were left out: {", ".join(strange)}.')
+    return kept
+
+
+def _seen(stream, what, notes):
+    """The channels that were seen often enough; None if there is none."""
+    counts = stream.valid.sum(axis=0)
+    for name, count in zip(stream.names, counts, strict=True):
+        if count < FEWEST:
+            often = 'never seen' if count == 0 else f'seen {count} times only'
+            notes.append(f'{what} {name} was {often} and is left out.')
+    kept = np.flatnonzero(counts >= FEWEST)
+    return stream.channels(kept) if len(kept) else None
+
+
+def _in_order(stream, name, notes):
+    """Times must not run backwards; of samples with one stamp the first is kept."""
+    steps = np.diff(stream.t)
+    if np.any(steps < 0.0):
+        at = int(np.argmax(steps < 0.0))
+        raise RecordingError(f'{name}: {stream.kind} goes back in time, from {stream.t[at]:g} s '
+                             f'to {stream.t[at + 1]:g} s; sort the stream by its stamps')
+    if np.all(steps > 0.0):
+        return stream
+    keep = np.concatenate([[True], steps > 0.0])
+    notes.append(f'{int(np.sum(~keep))} samples of {stream.kind} repeat a time stamp and are '
+                 'left out.')
+    return replace(stream, t=stream.t[keep], values=stream.values[keep], valid=stream.valid[keep])
+
+
+def _fit_in(stream, samples, notes):
+    span = stream.t[-1] - stream.t[0]
+    period = max(1.0 / RATE, span / samples)
+    if period < 1.5 * stream.period or span == 0.0:
+        return stream
+    notes.append(f'{stream.kind} was averaged from {1.0 / stream.period:.3g} Hz to '
+                 f'{1.0 / period:.3g} Hz.')
+    return thinned(stream, period)
+
+
+def _travel_from_markers(name, streams, scene, notes):
+    """The pads' travel from the markers on them, where no encoder was recorded."""
+    optical = streams.get(OPTICAL)
+    carried = {} if optical is None else {pad.name: optical.on(pad.name) for pad in scene.pads}
+    missing = [pad.name for pad in scene.pads if not len(carried.get(pad.name, ()))]
+    if missing:
+        raise RecordingError(
+            f'{name}: holds neither encoders nor a marker on {", ".join(missing)}; nothing says '
+            'how far the pads of the scene were pushed; record actuators/state')
+    pads = tuple(carried)
+    values = np.empty((len(optical.t), len(pads), 1))
+    for i, (pad, direction) in enumerate(zip(pads, pad_directions(scene), strict=True)):
+        moved = np.where(optical.valid[..., None], optical.values - optical.rest, np.nan)
+        along = moved[:, carried[pad]] @ direction
+        count = np.isfinite(along).sum(axis=1)
+        values[:, i, 0] = np.where(count > 0, np.nansum(along, axis=1) / np.maximum(count, 1),
+                                   np.nan)
+    notes.append('No encoders were recorded: the travel of the pads is taken from their markers.')
+    return Stream(ENCODER, optical.t, pads, values, np.isfinite(values).all(axis=2), pads,
+                  np.zeros((len(pads), 1)))

@@ -1,0 +1,61 @@
+"""Channels that go silent: gaps in what was seen, values that no longer change."""
+
+import numpy as np
+
+from arm_brachy.diagnosis.finding import ALARM, Finding
+from arm_brachy.diagnosis.stream import ENCODER, UNITS
+
+LONGEST_GAP = 5.0      # s without a value, while the stream goes on
+LEAST_SEEN = 0.5       # of the samples
+LEAST_REPEATS = 5
+
+
+def gap_findings(prepared):
+    """Findings about channels that were not seen for long, or often, or that froze.
+
+    Encoders stand still rightly and are left out of the search for frozen values.
+    Test: diagnosis/test_gaps.py
+    """
+    found = []
+    for kind, stream in prepared.evidence.streams.items():
+        for k, name in enumerate(stream.names):
+            found += _gaps(stream, k, name)
+            if kind != ENCODER:
+                found += _frozen(stream, k, name)
+    return tuple(found)
+
+
+def _gaps(stream, k, name):
+    seen = stream.t[stream.valid[:, k]]
+    share = len(seen) / len(stream.t)
+    edges = np.concatenate([[stream.t[0]], seen, [stream.t[-1]]])
+    steps = np.diff(edges)
+    worst = int(np.argmax(steps))
+    if steps[worst] <= LONGEST_GAP and share >= LEAST_SEEN:
+        return []
+    return [Finding(stream.kind, name, None, '', float(steps[worst]), 's', 0.0, np.inf,
+                    float(edges[worst]), float(edges[worst + 1]),
+                    f'{name} ({stream.kind}) was seen in {100.0 * share:.0f} % of the samples; its '
+                    f'longest gap is {steps[worst]:.1f} s.')]
+
+
+def _frozen(stream, k, name):
+    """Runs of one value that are too long for how often this stream repeats itself by chance."""
+    rows = np.flatnonzero(stream.valid[:, k])
+    if len(rows) < 10 * LEAST_REPEATS:
+        return []
+    same = (np.diff(stream.values[rows, k], axis=0) == 0.0).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    starts, ends = edges[::2], edges[1::2]
+    if not len(starts):
+        return []
+    worst = int(np.argmax(ends - starts))
+    length = int(ends[worst] - starts[worst])
+    others = int(same.sum()) - length
+    usual = (others + 1.0) / (len(same) - length + 1.0)
+    if length < LEAST_REPEATS or len(rows) * usual ** length > ALARM:
+        return []
+    t0, t1 = float(stream.t[rows[starts[worst]]]), float(stream.t[rows[ends[worst]]])
+    return [Finding(stream.kind, name, None, '', t1 - t0, 's', 0.0, np.inf, t0, t1,
+                    f'{name} ({stream.kind}) does not change for {t1 - t0:.2f} s, from {t0:.2f} s '
+                    f'on: its last value in {UNITS[stream.kind]} was held.', onset=(t0, t0))]

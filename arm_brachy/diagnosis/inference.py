@@ -1,0 +1,109 @@
+"""What explains a residual: linear-Gaussian evidence, prediction of what was held out, separation.
+
+A residual r (n,), whitened by its noise, is modelled as
+
+    r = U z + e,    z ~ N(0, I) (k,),    e ~ N(0, I) (n,),
+
+the columns of U being everything that may be in it, each times its prior standard deviation:
+nuisances (registration, zeros, modulus), errors of the mesh, and one hypothesis. A hypothesis is
+thus nothing but more columns, and what it is worth is how much better the joint density of the
+data becomes (evidence), or the density of recordings of one kind given all others (held out).
+Costs go with n k^2. Source: Rasmussen & Williams 2006, Gaussian Processes for Machine Learning,
+sec. 2.7 (explicit basis functions) and 5.4.2 (leave-out predictive probability).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What data say of the coefficients: z ~ N(mean, (L L')^-1).
+
+    mean : (k,);  factor : L (k, k), lower triangular, of I + U'U
+    """
+
+    mean: np.ndarray
+    factor: np.ndarray
+
+    def covariance(self, columns=slice(None)):
+        """Return the covariance (m, m) of the coefficients of some columns."""
+        return cho_solve((self.factor, True), np.eye(len(self.mean)))[columns][:, columns]
+
+
+def posterior(U, r):
+    """Return the Posterior of the coefficients of U (n, k) given r (n,)."""
+    factor = cholesky(np.eye(U.shape[1]) + U.T @ U, lower=True)
+    return Posterior(cho_solve((factor, True), U.T @ r), factor)
+
+
+def log_density(U, r):
+    """Return log p(r), r (n,) ~ N(0, I + U U'), by the matrix inversion lemma.
+
+    log det (I + U U') = log det (I + U'U);  r'(I + U U')^-1 r = r'r - |L^-1 U'r|^2.
+    """
+    factor = cholesky(np.eye(U.shape[1]) + U.T @ U, lower=True)
+    explained = solve_triangular(factor, U.T @ r, lower=True)
+    log_det = 2.0 * np.log(np.diag(factor)).sum()
+    return -0.5 * (r @ r - explained @ explained + log_det + len(r) * np.log(2.0 * np.pi))
+
+
+def predictive(U, r, held_out):
+    """Return log p(r of the rows held out, given the others).
+
+    held_out : (n,) True for the rows to be predicted. The difference of two joint densities.
+    """
+    return log_density(U, r) - log_density(U[~held_out], r[~held_out])
+
+
+def held_out_score(U, r, kinds):
+    """Return the sum over kinds of `predictive`: (total, {kind: log density}).
+
+    kinds : (n,) labels, whole kinds of experiment (a pad, a speed, an amplitude), never single
+        samples: neighbours in time predict each other under any model
+    """
+    each = {kind: predictive(U, r, kinds == kind) for kind in np.unique(kinds)}
+    return float(sum(each.values())), each
+
+
+def explained_error(U, r, held_out, common):
+    """Return the rms of the rows held out after prediction from the others, and before.
+
+    common : (k,) True for columns that are no part of the prediction to be judged (noise that
+        another rest or registration would bring); they are fitted to the held-out rows as well
+    Returns (after, before), in standard deviations of noise.
+    """
+    fit = posterior(U[~held_out], r[~held_out])
+    known = np.where(common, 0.0, fit.mean)
+    left = r[held_out] - U[held_out] @ known
+    free = U[held_out][:, common]
+    both = [one - free @ posterior(free, one).mean for one in (left, r[held_out])]
+    return tuple(float(np.sqrt(np.mean(one**2))) for one in both)
+
+
+def separation(U, effect, rival):
+    """Return how far an effect is from the best that a rival can make of it [sd of noise].
+
+    effect : (n,) response of the hypothesis at its fitted size;  rival : (n, m) responses of the
+        other one, free in size;  U : (n, k) nuisances and errors of the mesh, in both
+    Zero: no analysis of these data can tell one from the other.
+    """
+    factor = cholesky(np.eye(U.shape[1]) + U.T @ U, lower=True)
+
+    def inner(a, b):
+        return a.T @ b - solve_triangular(factor, U.T @ a, lower=True).T @ solve_triangular(
+            factor, U.T @ b, lower=True)
+
+    power = float(inner(effect, effect))
+    cross, own = inner(rival, effect), inner(rival, rival)
+    scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
+    taken = np.linalg.pinv(own / np.outer(scale, scale), rcond=1e-9, hermitian=True)
+    shared = (cross / scale) @ taken @ (cross / scale)
+    return float(np.sqrt(max(power - shared, 0.0)))
+
+
+def detectability(U, effect):
+    """Return the size of an effect (n,) beside everything else [sd of noise]."""
+    return separation(U, effect, np.zeros((len(effect), 0)))

@@ -1,0 +1,66 @@
+"""Sudden steps of single channels, beside all that an honest tissue does with the pads' history."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.diagnosis.changes import Step, steps
+from arm_brachy.diagnosis.colour import residual_colour
+from arm_brachy.diagnosis.finding import sigma
+from arm_brachy.diagnosis.history import drift_columns, history_columns
+from arm_brachy.diagnosis.regression import regress
+from arm_brachy.diagnosis.stream import BASE, EM, FORCE, OPTICAL, TISSUE
+
+FEWEST = 100    # samples of a channel
+# Of a channel's motion or force: what the regressors may miss of an honest tissue.
+BEND = {OPTICAL: 0.01, EM: 0.01, FORCE: 0.02}
+
+
+@dataclass(frozen=True)
+class Jump:
+    """One channel at one instant. body : what it sits on;  step : size (3,), SI, world frame.
+
+    z : size of the step against its error and what the regressors may miss
+    """
+
+    kind: str
+    channel: str
+    body: str
+    step: Step
+    z: float
+
+
+def jumps(prepared, travel, late, *, alarm):
+    """Jumps of every channel but the markers on pads (`pad_travel` sees to these); a tuple.
+
+    travel : (t, q (m, p)) of the pads, play included;  late : kind -> [s] delay of the stream
+    alarm : probability of a false jump per channel
+    Forces may remember; of positions under given pushes a tissue alike everywhere remembers
+    nothing, and what does is left to the noise that the steps have to exceed.
+    Not for bodies without pads, whose free motion follows nothing that was recorded.
+    Test: diagnosis/test_jumps.py
+    """
+    found = []
+    for kind, bodies in ((OPTICAL, (BASE, TISSUE)), (EM, (TISSUE,)),
+                         (FORCE, prepared.evidence.pads)):
+        stream, noise = prepared.on(kind, *bodies)
+        if stream is None:
+            continue
+        columns = {'1': np.ones(len(stream.t))} | drift_columns(stream.t) | history_columns(
+            stream.t - late.get(kind, 0.0), travel, prepared.motion.touch, memory=kind == FORCE)
+        for k in range(len(stream.names)):
+            found += _jumps(stream, noise, k, columns, alarm)
+    return tuple(found)
+
+
+def _jumps(stream, noise, k, columns, alarm):
+    valid, y = stream.valid[:, k], stream.values[:, k]
+    if valid.sum() < FEWEST:
+        return []
+    fit = regress(stream.t, y, columns, valid, noise.colour, noise.sd[k])
+    colour, sd = residual_colour(stream.t, fit.residual, valid, noise.colour, noise.sd[k].mean())
+    nuisance = np.stack([c for name, c in columns.items() if name != '1'], axis=1)
+    slack = BEND[stream.kind] * float(np.ptp((y - fit.residual)[valid], axis=0).max())
+    return [Jump(stream.kind, stream.names[k], stream.bodies[k], step,
+                 sigma(step.size, step.sd, slack))
+            for step in steps(stream.t, y, valid, colour, sd, nuisance, alarm=alarm)]

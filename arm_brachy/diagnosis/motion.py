@@ -1,0 +1,101 @@
+"""What the pads did: the encoders' path as straight pieces, and the times when they stood."""
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.diagnosis.stream import ENCODER
+from arm_brachy.evaluation.regimes import TOUCH
+from arm_brachy.evaluation.residuals import MAD_TO_SD
+
+FINENESS = 2e-3        # of the largest travel: what a straight piece may leave out
+NOISE = 6.0            # standard deviations of the encoder that make no corner
+MOST_PIECES = 1000
+PUSHED = 0.02          # of the largest travel, but at most regimes.TOUCH
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The path of the pads as straight pieces between corners.
+
+    t : (k + 1,) corners [s];  q : (k + 1, p) pushes there [m]
+    tolerance : [m] by which the recorded path departs from the pieces at most
+    touch : [m] pushed less than this counts as not pushed
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    tolerance: float
+    touch: float
+
+    @property
+    def velocity(self):
+        """(k, p) [m/s] on each piece."""
+        return np.diff(self.q, axis=0) / np.diff(self.t)[:, None]
+
+    @property
+    def still(self):
+        """(k,) True for pieces on which no pad moves."""
+        return np.abs(np.diff(self.q, axis=0)).max(axis=1, initial=0.0) <= self.tolerance
+
+    def stills(self):
+        """Stretches in which all pads stand: tuples (t_start, t_end, pushed), in order."""
+        out = []
+        for i in np.flatnonzero(self.still):
+            start, end = self.t[i], self.t[i + 1]
+            if out and out[-1][1] == start:
+                start = out.pop()[0]
+            out.append((float(start), float(end), bool((self.q[i + 1] > self.touch).any())))
+        return tuple(out)
+
+    def pieces(self):
+        """Stretches of still or of one velocity: tuples (t_start, t_end, moves), in order."""
+        stills = [(a, b, False) for a, b, _ in self.stills()]
+        moves = [(float(self.t[i]), float(self.t[i + 1]), True)
+                 for i in np.flatnonzero(~self.still)]
+        return tuple(sorted(stills + moves))
+
+
+def motion_of(evidence):
+    """Motion of an Evidence that has encoders; None without."""
+    encoder = evidence.get(ENCODER)
+    if encoder is None:
+        return None
+    seen = encoder.valid.all(axis=1)
+    t, q = encoder.t[seen], encoder.values[seen, :, 0]
+    travel = float(np.ptp(q, axis=0).max())
+    second = np.abs(np.diff(q, n=2, axis=0))
+    noise = MAD_TO_SD * float(np.median(second)) / np.sqrt(6.0) if len(second) else 0.0
+    tolerance = max(FINENESS * travel, NOISE * noise)
+    corners = corners_of(t, q, tolerance)
+    return Motion(t[corners], q[corners], tolerance,
+                  min(TOUCH, max(2.0 * tolerance, PUSHED * travel)))
+
+
+def corners_of(t, q, tolerance, most=MOST_PIECES):
+    """Indices of the samples between which q (n, p) runs straight within `tolerance`.
+
+    The sample that departs most is made a corner until none departs by more, or `most` pieces are
+    reached: top-down insertion after Douglas & Peucker 1973, Cartographica 10:112.
+    """
+    corners, queue = [0, len(t) - 1], []
+    _push(queue, t, q, 0, len(t) - 1)
+    while queue and len(corners) <= most:
+        departure, start, worst, end = heapq.heappop(queue)
+        if -departure <= tolerance:
+            break
+        corners.append(worst)
+        _push(queue, t, q, start, worst)
+        _push(queue, t, q, worst, end)
+    return np.array(sorted(set(corners)))
+
+
+def _push(queue, t, q, start, end):
+    """Queue the piece start..end by how far its worst sample departs from the straight line."""
+    if end - start < 2:
+        return
+    f = ((t[start:end + 1] - t[start]) / (t[end] - t[start]))[:, None]
+    off = np.abs(q[start:end + 1] - (q[start] + f * (q[end] - q[start]))).max(axis=1)
+    worst = int(np.argmax(off))
+    heapq.heappush(queue, (-float(off[worst]), start, start + worst, end))

@@ -1,0 +1,210 @@
+"""Noise of every stream, from the stretches in which nothing moves, or from the data sheet."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.devices.actuator_driver import ActuatorParams
+from arm_brachy.devices.em_tracker import EmTrackerParams
+from arm_brachy.devices.force_sensor import ForceSensorParams
+from arm_brachy.devices.optical_tracker import OpticalParams
+from arm_brachy.diagnosis.colour import (
+    LONGEST_LAG,
+    Colour,
+    fit_colour,
+    lags_for,
+    pieces,
+    variogram,
+)
+from arm_brachy.diagnosis.motion import motion_of
+from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL
+
+SETTLING = 0.2       # s after the pads have stopped that are no idle
+LATER_PART = 0.5     # of a later stretch that is taken: its end, when the tissue has settled
+LEAST_IDLE = 20      # samples of idle below which the data sheet is asked
+ENOUGH_IDLE = 5.0    # s of idle before the first push that make later stretches needless
+PRIOR_SAMPLES = 30   # idle samples that the pooled variance of a stream counts for
+STILL_SHARE = 0.2    # of a stream of a body without pads, at its end, where it has come to rest
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of one stream.
+
+    sd : (k, c) per channel and axis, SI;  colour : Colour, one for the stream
+    period : [s] between samples;  axes : (c, c) correlation between axes, pooled over channels
+    source : 'idle' or 'data sheet';  idle : [s] of idle that it was taken from
+    notes : sentences
+    """
+
+    sd: np.ndarray
+    colour: Colour
+    period: float
+    axes: np.ndarray
+    source: str
+    idle: float = 0.0
+    notes: tuple = ()
+
+    def mean_variance(self, count):
+        """Variance of means over `count` (..., k) successive samples, (..., k, c)."""
+        factor = self.colour.mean_variance(count, self.period)
+        return np.asarray(factor)[..., None] * self.sd ** 2
+
+    def effective(self, count):
+        """Number of independent samples that `count` successive ones are worth."""
+        return 1.0 / self.colour.mean_variance(count, self.period)
+
+    def between(self, t, count):
+        """Correlation (m, m) between means at centres t (m,) [s] over `count` (m,) samples.
+
+        Off the diagonal only the slow part counts, taken as constant over each window: good while
+        the windows are short against the time between them or the memory of the noise.
+        """
+        own = self.colour.mean_variance(count, self.period)
+        slow = self.colour.correlation(t[:, None] - t[None, :])
+        out = slow / np.sqrt(own[:, None] * own[None, :])
+        out = np.minimum(out, 0.99)
+        np.fill_diagonal(out, 1.0)
+        return out
+
+
+def noise_of(evidence, devices=None):
+    """Noise of every stream of an Evidence, kind -> Noise.
+
+    devices : mapping kind -> parameters of the device (devices.*Params), for the data sheet;
+        None = their defaults
+    Idle is the time before the first push, and if that is less than 5 s also the second half of
+    the later stretches in which the pads stand; of a body without pads it is the last fifth of the
+    recording. What may be creep is taken out as a parabola. Variances of channels are pooled with 30
+    samples' weight; an encoder that shows no noise has that of its quantisation.
+    """
+    spans = idle_spans(evidence)
+    return {kind: _noise(stream, spans, devices or {}) for kind, stream in
+            evidence.streams.items()}
+
+
+def idle_spans(evidence):
+    """Stretches in which nothing moves, by the encoders: tuples (t_start, t_end, settled) [s].
+
+    settled : False after a motion, when the tissue may still creep
+    """
+    motion = motion_of(evidence)
+    if motion is None:
+        start, end = evidence.span
+        return ((end - STILL_SHARE * (end - start), end, False),)
+    first = evidence.get(ENCODER).t[0]
+    spans = []
+    for start, end, _ in motion.stills():
+        settled = start == first
+        if not settled:
+            start = max(start + SETTLING, end - LATER_PART * (end - start))
+        if end > start:
+            spans.append((start, end, settled))
+        if settled and end - start >= ENOUGH_IDLE:
+            break
+    return tuple(spans)
+
+
+def _noise(stream, spans, devices):
+    stretches = [piece for start, end, settled in spans for piece in pieces(
+        int(np.searchsorted(stream.t, start)), int(np.searchsorted(stream.t, end)), settled)]
+    seen = sum(int(stream.valid[s.start:s.stop].any(axis=1).sum()) for s in stretches)
+    if seen < LEAST_IDLE:
+        return _data_sheet(stream, devices, f'Only {seen} samples of {stream.kind} are idle; its '
+                           'noise is taken from the data sheet. Rest a second before the first '
+                           'push.')
+    k, c = stream.values.shape[1:]
+    longest = max(s.stop - s.start for s in stretches)
+    lags = lags_for(int(LONGEST_LAG * longest))
+    gamma, pairs = variogram(stream.values.reshape(len(stream.t), -1),
+                             np.repeat(stream.valid, c, axis=1), lags, stretches)
+    short = _shrunk(gamma[0].reshape(k, c), pairs[0].reshape(k, c))
+    colour, ratio = _pooled_colour(gamma, pairs, lags, short.ravel(), stream.period, stretches)
+    floor = quantum(stream.values[np.isfinite(stream.values)]) / np.sqrt(12.0)
+    if floor ** 2 > short.max() * ratio:   # what is seen are single counts, not noise
+        colour = Colour()
+    idle = sum(float(stream.t[s.stop - 1] - stream.t[s.start]) for s in stretches)
+    return Noise(np.maximum(np.sqrt(short * ratio), floor), colour, stream.period,
+                 _axes(stream, stretches), 'idle', idle)
+
+
+def _shrunk(gamma, pairs):
+    """Short-lag variance (k, c) of each channel, drawn towards that of all, axis by axis."""
+    weight = np.where(np.isfinite(gamma), pairs, 0)
+    total = np.maximum(weight.sum(axis=0), 1)
+    common = np.nansum(np.where(weight > 0, gamma, 0.0) * weight, axis=0) / total
+    own = np.where(weight > 0, gamma, 0.0)
+    return (own * weight + PRIOR_SAMPLES * common) / (weight + PRIOR_SAMPLES)
+
+
+def _pooled_colour(gamma, pairs, lags, short, period, stretches):
+    """Colour of the stream, and total variance over that at the shortest lag."""
+    loud = short > 0.0
+    if not loud.any():
+        return Colour(), 1.0
+    known = np.isfinite(gamma[:, loud])
+    relative = np.where(known, gamma[:, loud], 0.0) / short[loud]
+    weight = np.where(known, pairs[:, loud], 0)
+    total = weight.sum(axis=1)
+    pooled = np.where(total > 0, np.sum(relative * weight, axis=1) / np.maximum(total, 1), np.nan)
+    colour, variance = fit_colour(pooled, total, lags, period, stretches)
+    return colour, max(variance, 1.0)
+
+
+def _axes(stream, stretches):
+    """Correlation (c, c) between axes of successive differences, pooled over channels."""
+    c = stream.values.shape[2]
+    steps = np.concatenate([np.diff(stream.values[s.start:s.stop], axis=0) for s in stretches])
+    steps = steps.reshape(-1, c)
+    steps = steps[np.isfinite(steps).all(axis=1)]
+    square = steps.T @ steps
+    size = np.sqrt(np.diag(square))
+    if len(steps) < LEAST_IDLE or not size.all():
+        return np.eye(c)
+    return square / np.outer(size, size)
+
+
+def quantum(values):
+    """Step between the values that a digitised signal takes; 0 if it is continuous.
+
+    The smallest difference between different values, if at least nine tenths of all differences
+    are whole multiples of it.
+    """
+    levels = np.unique(values)
+    if len(levels) < 3:
+        return 0.0
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * np.abs(levels).max()]
+    if not len(steps):
+        return 0.0
+    step = float(np.percentile(steps, 1))
+    multiple = steps / step
+    return step if np.mean(np.abs(multiple - np.round(multiple)) < 0.02) >= 0.9 else 0.0
+
+
+def _data_sheet(stream, devices, note):
+    sd = data_sheet_sd(stream.kind, devices.get(stream.kind))
+    c = stream.values.shape[2]
+    return Noise(np.full(stream.values.shape[1:], sd), _sheet_colour(stream, devices),
+                 stream.period, np.eye(c), 'data sheet', notes=(note,))
+
+
+def _sheet_colour(stream, devices):
+    time = getattr(devices.get(stream.kind), 'noise_correlation', 0.0)
+    return Colour(1.0, time) if time > 0.0 else Colour()
+
+
+def data_sheet_sd(kind, params=None):
+    """Standard deviation per axis [SI] that a device's parameters declare.
+
+    params : devices.*Params of that kind; None = its defaults
+    """
+    if kind == ENCODER:
+        return (params or ActuatorParams()).encoder_resolution / np.sqrt(12.0)
+    if kind == FORCE:
+        return (params or ForceSensorParams()).noise
+    if kind == EM:
+        return (params or EmTrackerParams()).position_noise / np.sqrt(3.0)
+    if kind == OPTICAL:
+        return (params or OpticalParams()).noise / np.sqrt(3.0)
+    raise KeyError(kind)

@@ -1,0 +1,164 @@
+"""Marker on a pad minus encoder: what actuator, transmission and clocks do, without any tissue.
+
+Along the push direction r = y - u, y the marker's travel and u the encoder's. A gain g gives g u, a
+compliance c gives -c F, play of width w the play operator less u, a delay D of the marker's stamps
+-D du/dt, lost steps or a slipped marker a step.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from arm_brachy.diagnosis.changes import steps
+from arm_brachy.diagnosis.choice import choose
+from arm_brachy.diagnosis.colour import residual_colour
+from arm_brachy.diagnosis.history import drift_columns, play, slope
+from arm_brachy.diagnosis.regression import regress
+from arm_brachy.diagnosis.stream import ENCODER, FORCE, OPTICAL
+
+GAIN, COMPLIANCE, PLAY, DELAY, OFFSET = 'gain', 'compliance', 'play', 'delay', 'offset'
+CAUSES = (GAIN, COMPLIANCE, PLAY, DELAY)
+WIDEST_PLAY = 0.5        # of the pad's travel
+REACH = 0.01             # s, over which the encoder's slope is taken
+FEWEST = 50              # samples of a marker or force
+ALONG_Z = 0.999          # cosine
+PASSES = 3               # over what is not linear: delay, width of the play, steps
+LATE = 3.0               # standard deviations of a delay by which the encoder is shifted
+
+
+@dataclass(frozen=True)
+class PadTravel:
+    """What the marker of one pad says of its actuator.
+
+    pad, marker : names;  moved : [m] largest travel
+    causes : cause -> (value, sd), SI, only those that the data ask for
+    all : the same with every cause fitted at once, those that matter and those that do not
+    rivals : chosen cause -> causes that would do as well in its place
+    steps : changes.Step each, size (3,) [m] in `frame`
+    tilt, tilt_sd : (2,) slope of the motion across over that along the push
+    frame : (3, 3) push direction, up and side, rows, world frame, see `push_frame`
+    """
+
+    pad: str
+    marker: str
+    moved: float
+    causes: dict
+    all: dict
+    rivals: dict
+    steps: tuple
+    tilt: np.ndarray
+    tilt_sd: np.ndarray
+    frame: np.ndarray
+
+
+def pad_travels(evidence, registration, noise, touch, *, alarm):
+    """PadTravel of every marker on a pad that moved; a tuple.
+
+    registration : registration.Registration;  noise : noise.Noise of the optical stream
+    touch : [m] less travel counts as none;  alarm : probability of a false step per marker
+    Test: diagnosis/test_pad_travel.py
+    """
+    optical, encoder = evidence.get(OPTICAL), evidence.get(ENCODER)
+    if optical is None or encoder is None:
+        return ()
+    found = []
+    for i, pad in enumerate(encoder.names):
+        seen = encoder.valid[:, i]
+        travel = encoder.t[seen], encoder.values[seen, i, 0]
+        if np.ptp(travel[1]) > touch:
+            found += [_one(evidence, registration, noise, pad, int(k), travel, alarm)
+                      for k in optical.on(pad)]
+    return tuple(one for one in found if one is not None)
+
+
+def _one(evidence, registration, noise, pad, k, travel, alarm):
+    optical = evidence.get(OPTICAL)
+    inside = (optical.t >= travel[0][0]) & (optical.t <= travel[0][-1])
+    t, valid = optical.t[inside], optical.valid[inside, k]
+    if valid.sum() < FEWEST:
+        return None
+    axis = evidence.directions[evidence.pads.index(pad)]
+    frame = push_frame(axis)
+    moved = (registration.apply(optical.values[inside, k]) - optical.rest[k]) @ frame.T
+    force = _push_back(evidence, pad, axis)
+    delay, jumps, colour, sd = 0.0, (), noise.colour, np.full(3, noise.sd[k].mean())
+    for again in reversed(range(PASSES)):
+        then = t - delay
+        y = moved - np.outer(np.interp(then, *travel), [1.0, 0.0, 0.0])
+        fixed = {OFFSET: np.ones_like(t)} | drift_columns(t) | {
+            f'step {j}': (t >= jump.t).astype(float) for j, jump in enumerate(jumps)}
+        causes = _causes(then, travel, force)
+        causes |= _play_column(then, y[:, 0], fixed | causes, valid, travel)
+        full = regress(t, y, fixed | causes, valid, colour, sd)
+        colour, sd = residual_colour(t, full.residual, valid, noise.colour, noise.sd[k].mean())
+        slow = list((drift_columns(t) | causes).values())
+        jumps = steps(t, y, valid, colour, sd, np.stack(slow, axis=1), alarm=alarm)
+        late, error = (float(x[0]) for x in full.of(DELAY))
+        if again and abs(late) > LATE * error:
+            delay += late
+    choice = choose(t, y[:, :1], fixed, causes, valid, colour, sd[:1])
+    tilt, tilt_sd = regress(t, y[:, 1:], fixed | {GAIN: causes[GAIN]}, valid, colour,
+                            sd[1:]).of(GAIN)
+    everything = {c: tuple(float(x[0]) for x in full.of(c)) for c in causes}
+    return PadTravel(pad, optical.names[k], float(np.ptp(travel[1])),
+                     _with_delay(choice.estimates, everything, delay),
+                     _with_delay(everything, everything, delay), choice.rivals, jumps, tilt,
+                     tilt_sd, frame)
+
+
+def _with_delay(estimates, everything, delay):
+    """Add the delay that the encoder was already shifted by."""
+    if delay == 0.0:
+        return estimates
+    value, sd = estimates.get(DELAY, (0.0, everything[DELAY][1]))
+    return estimates | {DELAY: (delay + value, sd)}
+
+
+def push_frame(axis):
+    """Rotation (3, 3) whose rows are the unit push direction `axis` (3,), the unit vector across it
+    nearest to world z (to x for a push along z), and the product of the two.
+    """
+    up = np.eye(3)[2 if abs(axis[2]) < ALONG_Z else 0]
+    up = up - (up @ axis) * axis
+    up = up / np.linalg.norm(up)
+    return np.stack([axis, up, np.cross(axis, up)])
+
+
+def _push_back(evidence, pad, axis):
+    """(t, force [N]) pushing back on a pad along its axis; None if it was not measured."""
+    force = evidence.get(FORCE)
+    if force is None or pad not in force.names:
+        return None
+    j = force.names.index(pad)
+    seen = force.valid[:, j]
+    return (force.t[seen], -force.values[seen, j] @ axis) if seen.sum() >= FEWEST else None
+
+
+def _causes(then, travel, force):
+    columns = {GAIN: np.interp(then, *travel), DELAY: -slope(then, *travel, REACH)}
+    if force is not None:
+        columns[COMPLIANCE] = -np.interp(then, *force)
+    return columns
+
+
+def _play_column(then, y, columns, valid, travel):
+    """Play per unit width at the width that fits best by ordinary least squares."""
+    X = np.stack(list(columns.values()), axis=1)[valid]
+    Q = np.linalg.qr(X / np.maximum(np.abs(X).max(axis=0), 1e-300))[0]
+    left = y[valid] - Q @ (Q.T @ y[valid])
+    widest = WIDEST_PLAY * float(np.ptp(travel[1]))
+
+    def column(width):
+        return np.interp(then, travel[0], play(travel[1], width) - travel[1]) / width
+
+    def misfit(log_width):
+        width = np.exp(log_width)
+        c = column(width)[valid]
+        c = c - Q @ (Q.T @ c)
+        return float(np.sum((left - width * c) ** 2))
+
+    grid = np.log(np.geomspace(1e-3 * widest, widest, 13))
+    best = int(np.argmin([misfit(g) for g in grid]))
+    bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    return {PLAY: column(np.exp(minimize_scalar(misfit, bounds=bounds, method='bounded').x))}

@@ -1,0 +1,82 @@
+"""What every look at a recording needs: the streams, how the pads moved, the noise, the frame."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from arm_brachy.diagnosis.evidence import Evidence
+from arm_brachy.diagnosis.finding import Calibration
+from arm_brachy.diagnosis.motion import Motion, motion_of
+from arm_brachy.diagnosis.noise import noise_of
+from arm_brachy.diagnosis.registration import Registration, register
+from arm_brachy.diagnosis.stream import ENCODER, OPTICAL
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """One recording, ready to be looked at.
+
+    motion : Motion, None without pads;  noise : kind -> noise.Noise
+    registration : Registration, None without optical markers
+    calibration : what counts as no fault
+    """
+
+    evidence: Evidence
+    motion: Motion | None
+    noise: dict
+    registration: Registration | None
+    calibration: Calibration
+
+    @property
+    def travel(self):
+        """(t (m,) [s], q (m, p) [m]) of the pads by their encoders."""
+        encoder = self.evidence.get(ENCODER)
+        seen = encoder.valid.all(axis=1)
+        return encoder.t[seen], encoder.values[seen, :, 0]
+
+    def on(self, kind, *bodies):
+        """(Stream, Noise) of the channels of one kind that sit on `bodies`; (None, None) if none.
+
+        Positions of optical markers are in the world frame.
+        """
+        stream = self.evidence.get(kind)
+        index = [] if stream is None else stream.on(*bodies)
+        if not len(index):
+            return None, None
+        part = stream.channels(index)
+        if kind == OPTICAL:
+            part = replace(part, values=self.registration.apply(part.values))
+        return part, replace(self.noise[kind], sd=self.noise[kind].sd[index])
+
+
+def prepare(evidence, devices=None, calibration=None):
+    """Prepared from an Evidence.
+
+    devices : kind -> devices.*Params for the data-sheet noise, None = defaults
+    calibration : finding.Calibration, None = its defaults
+    """
+    calibration = calibration or Calibration()
+    return Prepared(evidence, motion_of(evidence), noise_of(evidence, devices),
+                    register(evidence, calibration.placement), calibration)
+
+
+def rigid_motion(rest, moved, seen):
+    """Small rigid motion of k points, frame by frame, by least squares.
+
+    rest : (k, 3) [m];  moved : (n, k, 3) [m] displacements;  seen : (n, k)
+    Returns (motion (n, 6) [m]: translation of the middle, and rotation vector times the lever;
+    left (n, k, 3) [m]; lever [m] rms distance from the middle). With fewer than three points the
+    rotation is zero; frames in which a point was not seen are NaN in `motion`. Valid to
+    rotations of some degrees.
+    """
+    arm = rest - rest.mean(axis=0)
+    lever = max(float(np.sqrt(np.mean(np.sum(arm ** 2, axis=1)))), 1e-9)
+    blocks = []
+    for x, y, z in arm / lever:
+        turn = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+        blocks.append(np.hstack([np.eye(3), turn if len(rest) >= 3 else np.zeros((3, 3))]))
+    A = np.vstack(blocks)
+    motion = np.where(seen, 0.0, np.nan).sum(axis=1)[:, None] + np.einsum(
+        'ij,nj->ni', np.linalg.pinv(A), np.nan_to_num(moved).reshape(len(moved), -1))
+    left = moved - (motion @ A.T).reshape(moved.shape)
+    return motion, left, lever

@@ -1,0 +1,100 @@
+"""Where the optical tracker's frame lies in the world, from markers that no load moves."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.core.errors import RecordingError
+from arm_brachy.diagnosis.motion import motion_of
+from arm_brachy.diagnosis.stream import BASE, OPTICAL
+from arm_brachy.recording.rigid import RigidFit, fit_rigid
+
+FIRST = 0.2     # s at the beginning that count as rest for a body without pads
+FEWEST = 4      # markers that stay in a fit from which others are left out
+ODD = 5.0       # placements off the fit to the others: knocked or misplaced, not just glued by hand
+
+
+@dataclass(frozen=True)
+class Registration:
+    """X_WM of the optical tracker at rest.
+
+    R : (3, 3), p : (3,) [m]: tracker to world;  rest : (k, 3) [m] mean of every marker of the
+        stream at rest, world frame, NaN where it was not seen then
+    residual : (k,) [m] distance of these from the scene;  on : names it was fitted to, () = none
+    span : (t_start, t_end) [s] that counted as rest, None if pads pushed from the start
+    """
+
+    R: np.ndarray
+    p: np.ndarray
+    rest: np.ndarray
+    residual: np.ndarray
+    on: tuple
+    span: tuple | None
+
+    def apply(self, points):
+        """Take points (..., 3) from the tracker's frame to the world."""
+        return points @ self.R.T + self.p
+
+
+def register(evidence, placement):
+    """Registration of the optical stream of an Evidence; None without one.
+
+    placement : [m] standard deviation per axis of a marker's place on base or pad
+    Fitted to the markers on base and pads if three or more were seen at rest, for these the scene
+    knows better than those on tissue, without any that is far off; else to all. A recording that
+    begins with a push is fitted to its base markers alone.
+    """
+    optical = evidence.get(OPTICAL)
+    if optical is None:
+        return None
+    span = rest_span(evidence)
+    part = optical if span is None else optical.between(*span)
+    seen = part.valid.any(axis=0)
+    rest = np.full(optical.rest.shape, np.nan)
+    rest[seen] = np.nanmean(part.values[:, seen], axis=0)
+    hard = (BASE,) if span is None else (BASE, *evidence.pads)
+    for index in (optical.on(*hard), np.arange(len(seen)) if span is not None else []):
+        index = np.array([i for i in index if seen[i]], dtype=int)
+        index, fit = _sound_fit(rest, optical.rest, index, placement)
+        if fit is not None:
+            break
+    else:
+        index, fit = [], RigidFit(np.eye(3), np.zeros(3), np.zeros(0))
+    rest = fit.apply(rest)
+    return Registration(fit.R, fit.p, rest, np.linalg.norm(rest - optical.rest, axis=1),
+                        tuple(optical.names[i] for i in index), span)
+
+
+def _sound_fit(found, wanted, index, placement):
+    """(indices kept, RigidFit or None); the marker that fits worst is left out while it is odd."""
+    fit = _fit(found[index], wanted[index])
+    while fit is not None and len(index) > FEWEST:
+        rest = np.delete(index, int(np.argmax(fit.residual)))
+        better = _fit(found[rest], wanted[rest])
+        worst = index[int(np.argmax(fit.residual))]
+        if better is None or np.linalg.norm(better.apply(found[worst]) - wanted[worst]) < (
+                ODD * placement):
+            break
+        index, fit = rest, better
+    return index, fit
+
+
+def rest_span(evidence):
+    """(t_start, t_end) [s] before the first push; None if the recording begins with one."""
+    motion = motion_of(evidence)
+    if motion is None:
+        start = evidence.span[0]
+        return start, start + FIRST
+    stills = motion.stills()
+    if stills and not stills[0][2] and stills[0][0] == motion.t[0]:
+        return stills[0][:2]
+    return None
+
+
+def _fit(found, wanted):
+    if len(found) < 3:
+        return None
+    try:
+        return fit_rigid(found, wanted)
+    except RecordingError:   # on one line
+        return None

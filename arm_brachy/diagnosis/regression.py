@@ -1,0 +1,114 @@
+"""Linear regression on time series with coloured noise, with errors that survive a wrong model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+BLOCK = 1.0         # s: errors further apart than this count as independent
+FEWEST_BLOCKS = 3   # per parameter, for standard errors from blocks
+ALMOST = 1e-10      # of the largest singular value: below, columns are linearly dependent
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Least-squares estimate of the coefficients of p columns.
+
+    names : p;  value, sd : (p, c), c series fitted on the same columns
+    covariance : (p, p) for series of unit noise;  chi2 : (c,);  dof : int, of one series
+    residual : (n, c) y - X value, NaN where not valid
+    """
+
+    names: tuple
+    value: np.ndarray
+    sd: np.ndarray
+    covariance: np.ndarray
+    chi2: np.ndarray
+    dof: int
+    residual: np.ndarray
+
+    def of(self, name):
+        """(value, sd) of one column, floats if there is one series."""
+        i = self.names.index(name)
+        if self.value.shape[1] == 1:
+            return float(self.value[i, 0]), float(self.sd[i, 0])
+        return self.value[i], self.sd[i]
+
+    def correlation(self, first, second):
+        """Correlation of two estimates, from the columns alone."""
+        i, j = self.names.index(first), self.names.index(second)
+        return float(self.covariance[i, j] / np.sqrt(self.covariance[i, i]
+                                                     * self.covariance[j, j]))
+
+
+def bridged(t, y, valid, columns):
+    """y (n, c) with rows that are not valid filled in, for filters that need a value everywhere.
+
+    Filled with what ordinary least squares on the columns (n, p) explains, plus a straight line
+    between what it leaves at the valid rows: a gap during a motion then leaves no step behind.
+    """
+    scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+    X = columns / scale
+    beta = np.linalg.lstsq(X[valid], y[valid], rcond=1e-8)[0]
+    left = y - X @ beta
+    out = np.array(y, dtype=float)
+    for c in range(out.shape[1]):
+        out[~valid, c] = np.interp(t[~valid], t[valid], left[valid, c])
+    out[~valid] += X[~valid] @ beta
+    return out
+
+
+def whitened(t, columns, colour, valid):
+    """Columns (n, k) through the whitening filter of `colour`, rows that are not valid zeroed.
+
+    The first row has no past: its variance is that of the noise, not of an innovation.
+    """
+    period = float(np.median(np.diff(t)))
+    out = np.where(valid[:, None], colour.whiten(period, columns), 0.0)
+    out[0] *= colour.innovation(period)[0]
+    return out
+
+
+def regress(t, y, columns, valid, colour, sd):
+    """Generalised least squares of y on named columns.
+
+    t : (n,) [s];  y : (n, c);  columns : name -> (n,);  valid : (n,) rows that count
+    colour : colour.Colour of the noise;  sd : (c,) its standard deviation
+    Standard errors are the larger of what the noise alone gives, scaled up where chi^2 exceeds its
+    expectation, and of the block estimate over pieces of 1 s, which also sees errors of the model
+    that last (Newey & West 1987, Econometrica 55:703, with disjoint blocks).
+    Linearly dependent columns share their effect with least norm and get infinite errors.
+    Returns Fit.
+    """
+    names = tuple(columns)
+    X = np.stack([columns[name] for name in names], axis=1)
+    scale = np.maximum(np.abs(X).max(axis=0), 1e-300)
+    W = whitened(t, X / scale, colour, valid)
+    Y = whitened(t, bridged(t, y, valid, X), colour, valid) / sd
+    U, s, Vt = np.linalg.svd(W, full_matrices=False)
+    kept = s > ALMOST * s[0]
+    inverse = Vt[kept].T / s[kept]
+    beta = inverse @ (U[:, kept].T @ Y)
+    left = Y - W @ beta
+    dof = max(int(valid.sum()) - int(kept.sum()), 1)
+    chi2 = np.sum(left ** 2, axis=0)
+    covariance = inverse @ inverse.T
+    error = np.sqrt(np.maximum(chi2 / dof, 1.0)) * np.sqrt(np.diag(covariance))[:, None]
+    error = np.maximum(error, _block_errors(t, W, left, covariance))
+    loose = np.abs(Vt[~kept]).max(axis=0, initial=0.0) > 1e-6
+    error[loose] = np.inf
+    residual = np.where(valid[:, None], y - X @ (beta / scale[:, None] * sd), np.nan)
+    return Fit(names, beta / scale[:, None] * sd, error / scale[:, None] * sd,
+               covariance / np.outer(scale, scale), chi2, dof, residual)
+
+
+def _block_errors(t, W, left, covariance):
+    """(p, c) standard errors from sums of scores over blocks; 0 where there are too few."""
+    block = ((t - t[0]) / BLOCK).astype(int)
+    first = np.concatenate([[0], np.flatnonzero(np.diff(block)) + 1])
+    if len(first) < FEWEST_BLOCKS * W.shape[1]:
+        return np.zeros((W.shape[1], left.shape[1]))
+    out = np.empty((W.shape[1], left.shape[1]))
+    for c in range(left.shape[1]):
+        scores = np.add.reduceat(W * left[:, c:c + 1], first, axis=0) @ covariance
+        out[:, c] = np.sqrt(np.sum(scores ** 2, axis=0))
+    return out

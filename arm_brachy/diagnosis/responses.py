@@ -1,0 +1,218 @@
+"""How every observable answers to every hypothesis, all from one factor per state.
+
+In equilibrium f(x, theta) = 0. What a term adds to the forces at the positions of the baseline is
+its residual g; to first order in it the positions move by -K^-1 g, and an observable J, with the
+adjoint state a = K^-1 dJ/dx, by -a . g (`jacobian.Linearisation.adjoint`). That asks nothing of a
+term but to be prepared and to have its memory carried along the baseline. Where held nodes,
+supports or contact change, no such step leads there: these are run in full.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.term import Stage
+from arm_brachy.diagnosis.forward import STAGES, ForwardModel
+from arm_brachy.diagnosis.hypothesis import Hypothesis
+from arm_brachy.diagnosis.specimen import attach
+from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
+from arm_brachy.diagnosis.trajectory import Trajectory, evolve
+from arm_brachy.diagnosis.transmission import Path, transmitted
+from arm_brachy.registry import TERMS
+from arm_brachy.tissue.assembly import Assembler
+from arm_brachy.tissue.contact_pads import touches
+from arm_brachy.tissue.free_dofs import moved_from_rest
+
+SMALL = 0.1     # of the typical size, at which effects on the tissue are linearised
+WHOLE = 1.0     # at which thresholds, lost bonds and play are run: fainter, they may not act
+
+
+@dataclass(frozen=True)
+class Response:
+    """Change of every observable per strength of a hypothesis, in units of its typical size.
+
+    values : kind -> (n, c, 3, k) [m or N], NaN at states a full run did not find
+    scale : of the typical size at which it was taken;  exact : by full runs, not by the tangent
+    """
+
+    hypothesis: Hypothesis
+    values: dict
+    scale: float
+    exact: bool
+
+
+def respond(baseline, hypothesis, scale=None):
+    """Return the Response to a Hypothesis beside the terms of a baseline.Baseline.
+
+    scale : amplitude to take the difference at; None = SMALL for tangents of the tissue, else
+        WHOLE
+    Raises ConfigError for a term that the encoders hide (set point), and what terms raise that do
+    not fit.
+    """
+    columns = [_column(baseline, hypothesis.alone(k, WHOLE if scale is None else scale), scale,
+                       lambda a, k=k: hypothesis.alone(k, a))
+               for k in range(len(hypothesis.strengths))]
+    values = {kind: np.stack([column[0][kind] for column in columns], axis=3) for kind in STAGES}
+    return Response(hypothesis, values, columns[0][1], columns[0][2])
+
+
+def _column(baseline, term, scale, at):
+    """(change per typical size kind -> (n, c, 3), scale, exact) of one strength."""
+    if term.stage is Stage.BODY:
+        plain = baseline.model.body
+        if rebuilt(plain, _prepared(baseline.model, term)[0]):
+            return _rerun(baseline, term, scale or WHOLE)
+        scale = scale or SMALL
+        return _divided(body_change(baseline, at(scale)), scale), scale, False
+    scale = scale or WHOLE
+    if term.stage is Stage.TRANSMISSION:
+        if baseline.model.remembers:
+            return _rerun(baseline, term, scale)
+        return _divided(transmission_change(baseline, term), scale), scale, False
+    if term.stage in STAGES.values():
+        return _divided(sensing_change(baseline, term), scale), scale, False
+    raise ConfigError(f'{term.spec.name} acts at {term.stage.value}, before the encoders; no '
+                      'recording of the encoders shows it to a model that is driven by them')
+
+
+def _divided(change, scale):
+    return {kind: values / scale for kind, values in change.items()}
+
+
+def _with(model, term):
+    """Terms of a model and one more, order of the registry."""
+    return tuple(sorted((*model.terms, term), key=lambda t: TERMS.index(type(t))))
+
+
+def _prepared(model, term):
+    """(SoftBody, body terms) of a model with one more body term."""
+    terms = tuple(t for t in _with(model, term) if t.stage is Stage.BODY)
+    body = model.specimen.body
+    for one in terms:
+        body = one.prepare(body)
+    return body, terms
+
+
+def rebuilt(old, new):
+    """True if no tangent leads from one SoftBody to the other: nodes held otherwise, contact."""
+    same = (np.array_equal(old.fixed, new.fixed)
+            and np.array_equal(touches(old), touches(new))
+            and old.mesh.connectivity.shape == new.mesh.connectivity.shape
+            and all(np.array_equal(a.nodes, b.nodes)
+                    for a, b in zip(old.pads, new.pads, strict=True))
+            and len(old.supports.nodes) == len(new.supports.nodes))
+    return not same
+
+
+def _rerun(baseline, term, scale):
+    """Full nonlinear runs with and without, on the same states."""
+    model = ForwardModel(baseline.model.specimen, _with(baseline.model, term))
+    new = model.predict(baseline.encoder, baseline.t)
+    old = shown(baseline)
+    return {kind: (new.get(kind) - old[kind]) / scale for kind in STAGES}, scale, True
+
+
+def shown(baseline):
+    """Return what the sensors of the baseline's model show, kind -> (n, c, 3)."""
+    nothing = [{kind: 0.0 for kind in STAGES}] * len(baseline.t)
+    return _sensed(baseline, baseline.model, nothing, np.zeros(len(baseline.model.specimen.pads)))
+
+
+def body_change(baseline, term):
+    """Return the first-order change kind -> (n, c, 3) that a body term makes, at its amplitude.
+
+    The term may change moduli, loads, the motion of held nodes, the shape at rest and what is
+    remembered; which nodes are held, supported or touched it must not (`rebuilt`).
+    """
+    model = baseline.model
+    body, terms = _prepared(model, term)
+    fractions = _moduli_alone(baseline, body, terms)
+    if fractions is not None:
+        return _sense_changes(baseline, [
+            _tissue(baseline, i, baseline.sensitivity(i).moduli @ fractions)
+            for i in range(len(baseline.t))])
+    shift = body.mesh.nodes - model.body.mesh.nodes
+    attached = model.attached if not shift.any() else attach(model.specimen, body)
+    assembler = baseline.solver.assembler if body is model.body else Assembler(body)
+    changes, directions = [], np.array([pad.direction for pad in body.pads])
+    for i, fields in _states(baseline, body, terms, shift):
+        x, push = baseline.x(i) + shift, baseline.path.at(baseline.t[i:i + 1])[0]
+        pads = push[:, None] * directions
+        motion = moved_from_rest(body, pads, fields.base) - x
+        rate = assembler.forces(x, fields) - baseline.forces[i]
+        change = _tissue(baseline, i, baseline.sensitivity(i).change(motion, rate))
+        moved = attached.points(x, pads, fields.base) - model.attached.points(
+            baseline.x(i), baseline.pads(i), baseline.base(i))
+        k = len(model.specimen.markers)
+        change[OPTICAL] += moved[:k]
+        change[EM] += moved[k:]
+        changes.append(change)
+    return _sense_changes(baseline, changes)
+
+
+def _moduli_alone(baseline, body, terms):
+    """Change (2m,) [Pa] of (mu, kappa) if `body` differs in these alone, else None."""
+    plain = baseline.model.body
+    if baseline.model.remembers or any(t.memory(body) is not None for t in terms):
+        return None
+    others = [name for name in vars(plain) if name in type(plain).__dataclass_fields__
+              and name not in ('mu', 'kappa')]
+    if any(getattr(plain, name) is not getattr(body, name) for name in others):
+        return None
+    if not np.array_equal(plain.geometry.shear, body.geometry.shear):
+        return None
+    return np.concatenate([body.mu - plain.mu, body.kappa - plain.kappa])
+
+
+def _states(baseline, body, terms, shift):
+    """Yield (state, StepFields) with the memory of all terms carried along the baseline."""
+    path, at = baseline.trajectory, baseline.at
+    if not any(term.memory(body) is not None for term in terms):
+        path, at = path.take(at), np.arange(len(at))
+    if shift.any():
+        path = Trajectory(path.t, path.pads, path.x + shift, path.force, path.base, path.outcomes)
+    number = {k: i for i, k in enumerate(at.tolist())}
+    for k, fields in enumerate(evolve(body, terms, path)):
+        if k in number:
+            yield number[k], fields
+
+
+def transmission_change(baseline, term):
+    """Return the first-order change kind -> (n, c, 3) by a transmission term at its amplitude."""
+    model, encoder = baseline.model, baseline.encoder
+    states = baseline.trajectory
+    push = -np.einsum('mpi,pi->mp', states.force, model.directions)
+    effort = Path(states.t, push).at(encoder.t)
+    path = transmitted(_with(model, term), encoder, effort)
+    before = transmitted(model.terms, encoder, effort)
+    moved = path.at(baseline.t) - before.at(baseline.t)
+    return _sense_changes(baseline, [_pads_moved(baseline, i, moved[i])
+                                     for i in range(len(baseline.t))])
+
+
+def sensing_change(baseline, term):
+    """Return the change kind -> (n, c, 3) by a sensing term; exact but for a clock's lateness."""
+    model = baseline.model
+    late = {kind: term.lateness if STAGES[kind] is term.stage else 0.0 for kind in STAGES}
+    path, changes = baseline.path, []
+    for i, t in enumerate(baseline.t):
+        changes.append({})
+        for kind in STAGES:
+            there = np.maximum(t - late[kind], baseline.encoder.t[0])
+            moved = path.at(np.array([there]))[0] - path.at(np.array([t]))[0]
+            changes[-1][kind] = _pads_moved(baseline, i, moved)[kind] if late[kind] else 0.0
+    new = ForwardModel.__new__(ForwardModel)
+    new.__dict__.update(model.__dict__)
+    return _difference(baseline, changes, term)
+
+
+def _pads_moved(baseline, i, moved):
+    """Change kind -> (c, 3) by pads moved by (p,) [m] along their directions."""
+    model = baseline.model
+    pads = moved[:, None] * model.directions
+    change = _tissue(baseline, i, np.einsum('rpi,pi->r', baseline.sensitivity(i).pads, pads))
+    rides, k = model.attached.on_pad @ pads, len(model.specimen.markers)
+    change[OPTICAL] += rides[:k]
+    change[EM] += rides[k:]
+    return change

@@ -1,0 +1,136 @@
+"""Rest against the scene: zero and scale of the trackers, markers with exchanged names."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from arm_brachy.diagnosis.choice import INDISTINCT
+from arm_brachy.diagnosis.finding import Finding, sigma, threshold
+from arm_brachy.diagnosis.pad_travel import push_frame
+from arm_brachy.diagnosis.stream import BASE, EM, OPTICAL, TISSUE
+
+CENTRE = np.zeros(3)    # of the distortion, by convention the scene origin
+EXCHANGED = 5.0         # placements by which an exchange must bring two markers nearer
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Apparent over true length minus one: value, sd, and between which markers."""
+
+    value: float
+    sd: float
+    markers: tuple
+
+
+def base_scale(prepared):
+    """Scale of the optical tracker from the distances between base markers; None below two.
+
+    A similarity fit (Umeyama 1991, IEEE PAMI 13:376) of their mean positions; its error is that of
+    their places on the base, as the calibration declares it.
+    """
+    stream, _ = prepared.on(OPTICAL, BASE)
+    if stream is None or len(stream.names) < 2:
+        return None
+    found = np.nanmean(stream.values, axis=0)
+    x, y = stream.rest - stream.rest.mean(axis=0), found - found.mean(axis=0)
+    size = float(np.sum(x ** 2))
+    # the rotation was taken out by the registration; what is left of it enters in second order
+    scale = float(np.sum(x * y)) / size - 1.0
+    return Scale(scale, float(prepared.calibration.placement / np.sqrt(size)), stream.names)
+
+
+def em_findings(prepared):
+    """Findings about the EM tracker at rest: a common shift, or a linear distortion.
+
+    Needs a time before the first push. With three tools or more a shift and a stretch about the
+    scene origin can be told apart; with fewer they are rivals.
+    Test: diagnosis/test_rest_pose.py
+    """
+    em, registration = prepared.evidence.get(EM), prepared.registration
+    span = registration.span if registration is not None else None
+    if em is None or span is None or prepared.motion is None:
+        return ()
+    part = em.between(*span)
+    count = part.valid.sum(axis=0)
+    if not (count >= 10).any():
+        return ()
+    seen = np.flatnonzero(count >= 10)
+    off = np.nanmean(part.values[:, seen], axis=0) - em.rest[seen]
+    noise = np.sqrt(prepared.noise[EM].mean_variance(count)[seen])
+    return _em_offset(prepared, em, seen, off, noise, span)
+
+
+def _em_offset(prepared, em, seen, off, noise, span):
+    zero = prepared.calibration.em_registration
+    shift, sd = off.mean(axis=0), np.sqrt(np.sum(noise ** 2, axis=0)) / len(off)
+    z = sigma(shift, sd, zero)
+    if z <= threshold(1, 3):
+        return ()
+    weight = 1.0 / (noise ** 2 + zero ** 2)
+    arm = em.rest[seen] - CENTRE
+    power = float(np.sum(weight * arm ** 2))
+    gradient = float(np.sum(weight * arm * off)) / power
+    left_shift = float(np.sum(weight * (off - shift) ** 2))
+    left_stretch = float(np.sum(weight * (off - gradient * arm) ** 2))
+    if left_stretch + INDISTINCT < left_shift:
+        return (Finding(EM, '', 'em_distortion', 'gradient', gradient, '1', power ** -0.5,
+                        gradient * power ** 0.5, *span,
+                        f'At rest the EM positions are stretched by {100.0 * gradient:.1f} % about '
+                        'the origin.', rivals=('reference_shape',),
+                        parameters={'gradient': gradient}),)
+    alike = left_stretch < left_shift + INDISTINCT
+    rivals = ('reference_shape',) + (('em_distortion',) if alike else ())
+    names = ', '.join(em.names[i] for i in seen)
+    return (Finding(EM, '', 'em_offset', 'offset', shift, 'm', sd, z, *span,
+                    f'At rest the EM positions of {names} are off by '
+                    f'{1e3 * np.linalg.norm(shift):.2f} mm.', rivals=rivals,
+                    parameters={'offset': tuple(shift)}),)
+
+
+def exchanged_findings(prepared):
+    """Findings about pairs of tissue markers that fit the scene only with their names exchanged."""
+    stream, _ = prepared.on(OPTICAL, TISSUE)
+    registration = prepared.registration
+    if stream is None or registration.span is None or not registration.on:
+        return ()
+    part = stream.between(*registration.span)
+    seen = np.flatnonzero(part.valid.any(axis=0))
+    rest = {i: np.nanmean(part.values[:, i], axis=0) for i in seen}
+    placement, out = prepared.calibration.placement, []
+    for i, j in combinations(seen, 2):
+        straight = np.hypot(*(np.linalg.norm(rest[k] - stream.rest[k]) for k in (i, j)))
+        crossed = np.hypot(np.linalg.norm(rest[i] - stream.rest[j]),
+                           np.linalg.norm(rest[j] - stream.rest[i]))
+        gain = float(straight - crossed) / placement
+        if gain > EXCHANGED and crossed < EXCHANGED * placement:
+            out.append(Finding(
+                OPTICAL, stream.names[i], None, '', float(straight), 'm', float(placement), gain,
+                float(stream.t[0]), float(stream.t[-1]),
+                f'{stream.names[i]} and {stream.names[j]} have exchanged names: at rest each sits '
+                'where the scene has the other.'))
+    return tuple(out)
+
+
+def pad_place_findings(prepared):
+    """Findings about pads that at rest sit beside their place in the scene.
+
+    Along the push a marker may be off because the pad touches elsewhere, which is no fault.
+    """
+    evidence, registration = prepared.evidence, prepared.registration
+    optical, out = evidence.get(OPTICAL), []
+    if registration is None or registration.span is None or not registration.on:
+        return ()
+    for pad, direction in zip(evidence.pads, evidence.directions, strict=True):
+        frame = push_frame(direction)
+        for k in optical.on(pad):
+            aside = frame[1:] @ (registration.rest[k] - optical.rest[k])
+            z = sigma(aside, 0.0, prepared.calibration.placement)
+            if z > threshold(len(evidence.pads), 2):
+                out.append(Finding(
+                    OPTICAL, optical.names[k], 'pad_misplacement', 'up', float(aside[0]), 'm',
+                    prepared.calibration.placement, z, *registration.span,
+                    f'At rest the marker on {pad} sits {1e3 * np.hypot(*aside):.1f} mm beside its '
+                    'place: pad or marker.', rivals=('marker_slip',), parameters={
+                        'up': float(aside[0]), 'side': float(aside[1]), 'pads': (pad,)}))
+    return tuple(out)

@@ -1,0 +1,144 @@
+"""A periodic part common to several series: breathing, a pump, a swinging frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.stats import chi2
+
+from arm_brachy.diagnosis.colour import residual_colour
+from arm_brachy.diagnosis.finding import ALARM, Finding, threshold
+from arm_brachy.diagnosis.force_zero import unloaded
+from arm_brachy.diagnosis.history import drift_columns, history_columns
+from arm_brachy.diagnosis.regression import bridged
+from arm_brachy.diagnosis.stream import BASE, OPTICAL, TISSUE, thinned
+
+SLOWEST_CYCLES = 4.0    # in the recording: fewer are a drift
+SLOWEST = 0.08          # Hz: slower is no breath
+AROUND = 5              # independent frequencies on either side that make up the background
+FINENESS = 4            # frequencies tried per independent one
+FASTEST = 3.0           # Hz: breathing 0.2, heart 1.2
+BIN = 0.1               # s
+FEWEST = 20             # samples
+MOSTLY = 0.7            # of the time that a marker must have been seen
+
+
+@dataclass(frozen=True)
+class Rhythm:
+    """cosine, sine : (s,) of every series, times in s from 0;  chance : of noise doing as much."""
+
+    frequency: float
+    sd: float
+    cosine: np.ndarray
+    sine: np.ndarray
+    chance: float
+
+    @property
+    def amplitude(self):
+        """(s,) of every series."""
+        return np.hypot(self.cosine, self.sine)
+
+
+def rhythm(t, series, sd, columns, colour):
+    """The strongest common sinusoid of series (n, s) beside the regressors `columns` (n, p).
+
+    t : (n,) [s], even;  sd : (s,) of the noise;  colour : colour.Colour
+    At every frequency the fall of chi^2 by a cosine and a sine in every series is chi-square with
+    2 s degrees of freedom if there is noise alone; `chance` multiplies its tail by the number of
+    independent frequencies (Scargle 1982, Astrophys J 263:835). Where the median fall of the
+    frequencies around is larger than that of noise, the fall is scaled down by it: a rhythm is a
+    line, not a broad hump. None if the recording is too short. Values that were not seen have to
+    be filled beforehand.
+    """
+    span, period = t[-1] - t[0], float(np.median(np.diff(t)))
+    low, high = max(SLOWEST_CYCLES / span, SLOWEST), min(FASTEST, 0.4 / period)
+    if high <= low:
+        return None
+    Q = np.linalg.qr(colour.whiten(period, columns))[0]
+    Y = colour.whiten(period, series / sd)
+    Y = Y - Q @ (Q.T @ Y)
+    grid = np.arange(low, high, 1.0 / (FINENESS * span))
+    fall = np.array([_fall(f, t, period, colour, Q, Y)[0].sum() for f in grid])
+    dof = 2 * series.shape[1]
+    around = median_filter(fall, size=2 * AROUND * FINENESS + 1, mode='nearest')
+    fall = fall / np.maximum(around / chi2.median(dof), 1.0)
+    best = int(np.argmax(fall))
+    number = (high - low) * span
+    cosine, sine = _fall(grid[best], t, period, colour, Q, Y)[1] * sd
+    chance = min(1.0, number * chi2.sf(fall[best], dof))
+    # error of the frequency of a sinusoid in white noise, Rife & Boorstyn 1974, IEEE IT 20:591
+    error = np.sqrt(6.0) / (np.pi * span * np.sqrt(max(fall[best], 1.0)))
+    return Rhythm(float(grid[best]), float(error), cosine, sine, float(chance))
+
+
+def _fall(frequency, t, period, colour, Q, Y):
+    """(fall of chi^2 (s,), cosine and sine part (2, s) in units of sd) at one frequency."""
+    phase = 2.0 * np.pi * frequency * t
+    wave = colour.whiten(period, np.stack([np.cos(phase), np.sin(phase)], axis=1))
+    wave = wave - Q @ (Q.T @ wave)
+    U, R = np.linalg.qr(wave)
+    match = U.T @ Y
+    return np.sum(match ** 2, axis=0), np.linalg.solve(R, match)
+
+
+def rhythm_findings(prepared, travel, late, jumps=()):
+    """Findings about periodic motion: of base markers, else of the tissue beside its pushes.
+
+    travel : (t, q (m, p));  late : [s] of the optical clock;  jumps : times [s] of sudden events
+    What a repeated protocol leaves unexplained is periodic too: the motion has to be there while
+    nothing pushes as well, with the same frequency and half the amplitude or more.
+    Test: diagnosis/test_rhythm.py
+    """
+    out = []
+    for body in (BASE, TISSUE):
+        stream, noise = prepared.on(OPTICAL, body)
+        if stream is None or out:
+            continue
+        stream = thinned(stream, max(BIN, stream.period)) if stream.period < BIN else stream
+        stream = stream.channels(np.flatnonzero(stream.valid.mean(axis=0) > MOSTLY))
+        if not len(stream.names) or len(stream.t) < FEWEST:
+            continue
+        columns = {'1': np.ones(len(stream.t))} | drift_columns(stream.t) | history_columns(
+            stream.t - late, travel, prepared.motion.touch, memory=False)
+        columns |= {f'jump {time}': (stream.t >= time).astype(float) for time in jumps}
+        found = _common(prepared, stream, np.stack(list(columns.values()), axis=1), noise)
+        if found is not None:
+            out += _finding(stream, found, body, prepared.calibration.restless)
+    return tuple(out)
+
+
+def _common(prepared, stream, X, noise):
+    """The Rhythm of all components of a stream, if it also shows while nothing pushes."""
+    n, k, c = stream.values.shape
+    series = np.concatenate([bridged(stream.t, stream.values[:, i], stream.valid[:, i], X)
+                             for i in range(k)], axis=1)
+    sd = np.full(k * c, float(noise.sd.mean()) / np.sqrt(max(stream.period / noise.period, 1.0)))
+    left = series - X @ np.linalg.lstsq(X, series, rcond=1e-8)[0]
+    everywhere = np.ones(n, dtype=bool)
+    colour, louder = residual_colour(stream.t, left, everywhere, noise.colour, sd[0])
+    found = rhythm(stream.t, series, louder, X, colour)
+    idle = unloaded(prepared, stream.t)
+    if found is None or found.chance > ALARM or idle.sum() < FEWEST:
+        return None
+    phase = 2.0 * np.pi * found.frequency * stream.t[idle]
+    wave = np.stack([np.ones(idle.sum()), np.cos(phase), np.sin(phase)], axis=1)
+    there = np.linalg.norm(np.linalg.lstsq(wave, left[idle], rcond=None)[0][1:], axis=0)
+    return found if there @ found.amplitude > 0.5 * found.amplitude @ found.amplitude else None
+
+
+def _finding(stream, found, body, slack):
+    """The common motion of the markers as a Finding, if it is loud enough."""
+    cosine, sine = (x.reshape(-1, 3).mean(axis=0) for x in (found.cosine, found.sine))
+    U, size, Vt = np.linalg.svd(np.stack([cosine, sine]))
+    amplitude, direction = float(size[0]), Vt[0]
+    z = amplitude / slack
+    if z <= threshold(2):
+        return []
+    what = 'base' if body == BASE else 'tissue'
+    phase = float(np.arctan2(cosine @ direction, sine @ direction))
+    return [Finding(OPTICAL, body, 'breathing', 'amplitude', amplitude, 'm', slack, z,
+                    float(stream.t[0]), float(stream.t[-1]),
+                    f'Markers on the {what} move in rhythm, {found.frequency:.2f} times a second '
+                    f'by {1e3 * amplitude:.2f} mm to either side, whether or not something '
+                    'pushes.', parameters={'amplitude': amplitude, 'frequency': found.frequency,
+                                           'phase': phase, 'direction': tuple(direction)})]

@@ -1,0 +1,147 @@
+"""What a body does while its pads follow a path: the states at given instants."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.core.outcome import Outcome
+from arm_brachy.diagnosis.motion import FINENESS, corners_of
+from arm_brachy.tissue.body import StepFields
+from arm_brachy.tissue.contact_pads import touches
+from arm_brachy.tissue.newton import StaticSolver
+from arm_brachy.tissue.simulator import TissueSimulator
+
+LEAD = 0.02         # s before every instant that a body with memory is stepped to
+ALIKE = 1e-7        # m: pads closer than that are in one place
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """States of a body at m instants.
+
+    t : (m,) [s];  pads : (m, p, 3) [m] displacements from rest;  x : (m, n, 3) [m] nodes
+    force : (m, p, 3) [N] of the tissue on each pad;  base : (m, 3) [m] displacement of the base
+    outcomes : m core.outcome.Outcome. Where one is not OK, `x` and `force` are NaN.
+    """
+
+    t: np.ndarray
+    pads: np.ndarray
+    x: np.ndarray
+    force: np.ndarray
+    base: np.ndarray
+    outcomes: tuple
+
+    @property
+    def valid(self):
+        """(m,) True where the state was found."""
+        return np.array([outcome.ok for outcome in self.outcomes], dtype=bool)
+
+    def take(self, index):
+        """The Trajectory at some of its instants."""
+        return Trajectory(self.t[index], self.pads[index], self.x[index], self.force[index],
+                          self.base[index], tuple(self.outcomes[i] for i in index))
+
+
+def remembers(body, terms):
+    """True if a state of `body`, as `terms` prepared it, depends on time or on the path."""
+    return bool(touches(body).any()) or any(t.memory(body) is not None for t in terms)
+
+
+def grid(path, t):
+    """Return the times (m,) [s] to step a body with memory to, for its states at t (n,).
+
+    path : transmission.Path of the pads
+    The start, the instants, the corners of the path, lest a short reversal is stepped over, and
+    20 ms before every instant: what a term notes at the end of a step acts from the next one on.
+    """
+    travel = float(np.ptp(path.q, axis=0).max(initial=0.0))
+    corners = path.t[corners_of(path.t, path.q, max(FINENESS * travel, ALIKE))]
+    start, times = path.t[0], np.concatenate([corners, t, t - LEAD])
+    times = np.unique(times[(times >= start) & (times <= max(t))])
+    close = np.diff(times, prepend=-np.inf) < 1e-9
+    return np.unique(np.concatenate([[start], times[~close], t]))
+
+
+class Equilibria:
+    """Equilibria of a body without memory, each found from the nearest one known.
+
+    body : SoftBody as its terms prepared it;  options : NewtonOptions or None
+    """
+
+    def __init__(self, body, options=None):
+        self.body, self.solver = body, StaticSolver(body, options=options)
+        self._pads, self._x = np.zeros((1, 3 * len(body.pads))), [body.mesh.nodes]
+
+    def trajectory(self, t, pads):
+        """Return the Trajectory at t (m,) [s] with the pads at `pads` (m, p, 3) [m].
+
+        Instants with pads in one place share a solve; places are visited nearest first.
+        """
+        flat = pads.reshape(len(t), -1)
+        _, first, back = np.unique(np.round(flat / ALIKE), axis=0, return_index=True,
+                                   return_inverse=True)
+        found = [None] * len(first)
+        for k in _chain(flat[first], self._pads[-1]):
+            found[k] = self._solve(pads[first[k]])
+        x = np.stack([s.x if s.outcome.ok else np.full_like(s.x, np.nan) for s in found])
+        force = np.stack([s.pad_force if s.outcome.ok else np.full_like(s.pad_force, np.nan)
+                          for s in found])
+        back = back.ravel()
+        return Trajectory(np.asarray(t), pads, x[back], force[back], np.zeros((len(t), 3)),
+                          tuple(found[k].outcome for k in back))
+
+    def _solve(self, pads):
+        near = int(np.abs(self._pads - pads.ravel()).max(axis=1).argmin())
+        solution = self.solver.follow(self._x[near], self.solver.held_positions(pads))
+        if solution.outcome.ok:
+            self._pads = np.vstack([self._pads, pads.ravel()])
+            self._x.append(solution.x)
+        return solution
+
+
+def _chain(places, here):
+    """Order of places (k, d): always on to the nearest one not visited yet, from `here` (d,)."""
+    left, order = list(range(len(places))), []
+    while left:
+        k = left.pop(int(np.abs(places[left] - here).max(axis=1).argmin()))
+        order.append(k)
+        here = places[k]
+    return order
+
+
+def stepped(body, terms, t, pads, options=None):
+    """Return the Trajectory of a body with memory, stepped from t[0], where it has always rested.
+
+    body : SoftBody without terms;  terms : body terms, order of the registry
+    t : (m,) [s], increasing;  pads : (m, p, 3) [m], straight between the instants
+    """
+    simulator = TissueSimulator(body, terms, options=options)
+    simulator.reset(t[0])
+    states = [simulator.settle(pads[0])]
+    states += [simulator.step(now, there) for now, there in zip(t[1:], pads[1:], strict=True)]
+    # A step after a failure starts from further back, which friction and damage notice.
+    lost = np.array([s.outcome is not Outcome.OK for s in states])
+    x, force = np.stack([s.x for s in states]), np.stack([s.pad_force for s in states])
+    x[lost], force[lost] = np.nan, np.nan
+    return Trajectory(np.asarray(t), pads, x, force, np.stack([s.base for s in states]),
+                      tuple(s.outcome for s in states))
+
+
+def evolve(body, terms, trajectory):
+    """Yield the StepFields in force at every instant of a Trajectory, memory following its x.
+
+    body : SoftBody as `terms` prepared it;  terms : body terms
+    Each memory is carried along positions that are given, not solved for: to first order in an
+    effect this is what it does, and exact for the terms that the trajectory was found with. The
+    first instant has lasted for ever. Raises InvertedElement as the terms do.
+    """
+    memories = tuple(term.memory(body) for term in terms)
+    steps = np.diff(trajectory.t, prepend=-np.inf)
+    for t, dt, x in zip(trajectory.t, steps, trajectory.x, strict=True):
+        fields = StepFields.of(body)
+        for term, memory in zip(terms, memories, strict=True):
+            term.before_step(body, memory, t, dt, fields)
+        yield fields
+        swollen = body.swollen(fields.swelling)
+        memories = tuple(term.after_step(swollen, memory, x, t, dt)
+                         for term, memory in zip(terms, memories, strict=True))

@@ -1,0 +1,96 @@
+"""Verdicts on made-up problems with a known truth: single, pair, class, null, stranger."""
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.adequacy import per_channel
+from arm_brachy.diagnosis.decide import Explanation, Judge, Problem
+
+CHANNELS, STATES, CAUSES = 12, 30, 8
+
+
+class World:
+    """Smooth random responses of eight causes in twelve channels over three kinds of motion."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(seed)
+        n = CHANNELS * STATES
+        self.channel = np.repeat(np.arange(CHANNELS), STATES)
+        depth = np.tile(np.abs(np.sin(np.linspace(0.0, 3.0 * np.pi, STATES))), CHANNELS)
+        time = np.tile(np.linspace(0.0, 1.0, STATES), CHANNELS)
+        self.kinds = np.tile(np.arange(STATES) * 3 // STATES, CHANNELS)
+        shapes = np.stack([depth, depth**2, time, depth * time, np.sin(7.0 * time)])
+        weights = self.rng.normal(size=(CAUSES + 1, len(shapes), CHANNELS))
+        self.responses = np.einsum('csk,sn,kn->cn', weights, shapes,
+                                   (self.channel == np.arange(CHANNELS)[:, None]).astype(float))
+        self.stranger = self.responses[CAUSES]
+        self.nuisance = 5.0 * (self.channel[:, None] == np.arange(CHANNELS))
+        self.tests, _ = per_channel({'constant': np.ones(n), 'depth': depth, 'depth^2': depth**2,
+                                     'time': time}, self.channel)
+
+    def explanations(self, *extra):
+        singles = tuple(Explanation(f'cause_{i}', '', 3.0 * self.responses[i][:, None])
+                        for i in range(CAUSES))
+        return singles + extra
+
+    def decide(self, effect, *extra):
+        r = (effect + self.nuisance @ self.rng.normal(size=CHANNELS)
+             + self.rng.normal(size=len(self.channel)))
+        problem = Problem(r, self.nuisance, self.kinds, self.tests, self.explanations(*extra))
+        return Judge(problem, self.rng).decide()
+
+
+@pytest.fixture(params=range(4))
+def world(request):
+    return World(request.param)
+
+
+def test_the_planted_cause_is_named_with_its_size(world):
+    decision = world.decide(1.2 * world.responses[2])
+    assert decision.verdict == 'named' and decision.accepted.causes == ('cause_2',)
+    fitted, sd = 3.0 * decision.accepted.mean[0], 3.0 * decision.accepted.sd[0]
+    assert fitted == pytest.approx(1.2, abs=4.0 * sd)
+
+
+def test_two_causes_are_both_named(world):
+    decision = world.decide(1.0 * world.responses[1] - 0.8 * world.responses[5])
+    assert decision.verdict == 'named'
+    assert set(decision.accepted.causes) == {'cause_1', 'cause_5'}
+
+
+def test_what_cannot_be_told_apart_comes_as_a_class(world):
+    twin = Explanation('twin', '', -2.0 * 3.0 * world.responses[3][:, None])
+    decision = world.decide(1.0 * world.responses[3], twin)
+    assert decision.verdict == 'equivalent'
+    names = {decision.accepted.causes[0]} | {c.causes[0] for c in decision.equals}
+    assert names == {'cause_3', 'twin'}
+    assert decision.equals[0].separation < 0.01
+
+
+def test_a_stranger_to_the_catalogue_is_not_named(world):
+    """Nothing in the catalogue explains it: it must not be blamed on what comes nearest."""
+    decision = world.decide(2.5 * world.stranger)
+    assert decision.verdict == 'unexplained'
+    assert decision.left.chance < 1e-3
+
+
+def test_a_place_is_found_among_its_variants(world):
+    lumps = tuple(Explanation('lump', f'place {k}', 3.0 * np.roll(world.stranger,
+                                                                  STATES * k)[:, None])
+                  for k in range(CHANNELS))
+    decision = world.decide(np.roll(world.stranger, 4 * STATES), *lumps)
+    assert decision.accepted.explanations[0].variant == 'place 4'
+
+
+def test_nulls_are_left_alone():
+    """60 recordings in which nothing is missing: no claim; at 8 nats chance allows e^-8 each."""
+    verdicts = [World(100 + seed).decide(0.0).verdict for seed in range(60)]
+    assert verdicts.count('named') + verdicts.count('equivalent') == 0
+    assert verdicts.count('unexplained') <= 1
+
+
+def test_a_tenth_of_an_effect_that_shows_makes_no_wrong_claim():
+    for seed in range(20):
+        world = World(200 + seed)
+        decision = world.decide(0.05 * world.responses[4])
+        assert decision.accepted is None or 'cause_4' in decision.accepted.causes
