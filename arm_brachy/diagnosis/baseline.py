@@ -1,10 +1,12 @@
 """A model's states in a recording and how every observable there answers to forces and motions."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from arm_brachy.core.errors import ConfigError, NotConverged
+from arm_brachy.core.errors import ConfigError, InputError, NotConverged
+from arm_brachy.diagnosis.forward import STAGES
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
 from arm_brachy.diagnosis.trajectory import evolve
 from arm_brachy.tissue.contact_pads import touches
@@ -46,10 +48,12 @@ class Baseline:
     model : ForwardModel with pads bonded;  encoder : transmission.Path
     t : (n,) [s], increasing, stamps of the recording
     trajectory : trajectory.Trajectory with the times between, for memories;  at : (n,) the states
-        in it;  path : transmission.Path of the pads
-    truth : n dicts kind -> (c, 3), before the sensors;  forces : (n, nodes, 3) [N]
+        in it;  path : transmission.Path of the pads;  forces : (n, nodes, 3) [N]
+    truth : n dicts kind -> (c, 3), before the sensors and their clocks
     fields : n StepFields;  group : (n,) into `sensitivities`
-    Raises ConfigError for a model with touching pads, NotConverged at a state that is not found
+    restructures : term class -> bool, what `responses` found out about it
+    Raises InputError for instants out of order, ConfigError for touching pads, NotConverged at a
+    state that is not found
     or not stable. Linear answers of a model with memory leave out what the change would have
     done to the memory until then.
     """
@@ -59,11 +63,15 @@ class Baseline:
             raise ConfigError('the model has pads that touch; must be bonded to be linearised; '
                               'leave pad_slip out, or fit it by full runs')
         self.model, self.encoder, self.t = model, encoder, np.asarray(t, dtype=float)
+        if np.any(np.diff(self.t) <= 0.0):
+            raise InputError('the instants of the states do not increase; must be in order, each '
+                             'once; sort them')
         self.path = model.pad_path(encoder, self.t)
         self.trajectory = model.trajectory(self.path, self.t, kinks=True)
         self._refuse_lost()
         self.at = np.searchsorted(self.trajectory.t, self.t)
         self.truth = [model.truth(self.trajectory, i) for i in self.at]
+        self.restructures = {}
         self.solver = StaticSolver(model.body)
         self.fields = self._fields()
         self.forces = np.stack([self.solver.assembler.forces(self.x(i), fields)
@@ -86,6 +94,38 @@ class Baseline:
     def sensitivity(self, i):
         """The Sensitivity of state i."""
         return self.sensitivities[self.group[i]]
+
+    @cached_property
+    def shown(self):
+        """What the sensors of the model show, kind -> (n, c, 3)."""
+        nothing = dict.fromkeys(STAGES, 0.0)
+        readings = [self.reading(i, nothing, self.model.terms) for i in range(len(self.t))]
+        return {kind: np.stack([reading[kind] for reading in readings]) for kind in STAGES}
+
+    def reading(self, i, change, terms):
+        """What sensors with these terms show at state i, kind -> (c, 3), of a truth that changed.
+
+        change : kind -> (c, 3) or 0 of the truth;  terms : of any stage
+        Of a clock's lateness the motion of the pads meanwhile is taken, to first order.
+        """
+        out = {}
+        for kind, values in self.truth[i].items():
+            late = sum(term.lateness for term in terms if term.stage is STAGES[kind])
+            t = max(self.t[i] - late, self.encoder.t[0])
+            true = values + change[kind]
+            if late:
+                now, then = self.path.at(np.array([self.t[i], t]))
+                true = true + self.pads_moved(i, then - now)[kind]
+            out[kind] = self.model.sense(kind, t, true, self.pads(i), terms=terms)
+        return out
+
+    def pads_moved(self, i, moved):
+        """Change kind -> (c, 3) at state i by pads moved by (p,) [m] along their directions."""
+        pads = moved[:, None] * self.model.directions
+        change = self.split(np.einsum('rpi,pi->r', self.sensitivity(i).pads, pads))
+        rides, k = self.model.attached.on_pad @ pads, len(self.model.specimen.markers)
+        return {OPTICAL: change[OPTICAL] + rides[:k], EM: change[EM] + rides[k:],
+                FORCE: change[FORCE]}
 
     def split(self, change):
         """Sort a change (r,) of observables by stream: kind -> (c, 3), zero off the tissue."""

@@ -6,13 +6,13 @@ together) where there is no step. What the largest of them may reach by chance i
 counting upcrossings; see `chance`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import correlate
 from scipy.stats import chi2
 
-from arm_brachy.diagnosis.regression import bridged, whitened
+from arm_brachy.diagnosis.regression import bridged, regress, whitened
 
 LEAST = 5         # samples on either side of a step
 DROP = 5.94       # in T: (1 - exp(-DROP / 2))^2 = 0.90, see Step
@@ -27,9 +27,9 @@ class Step:
     t : [s] of the first sample after it;  low, high : [s] 90 % interval of that
     size : (c,);  sd : (c,) of the size;  statistic : T, the fall of chi^2 by the step
     chance : probability that noise alone reaches it anywhere in the series
-    The interval holds the candidates within 5.94 of the best T: log likelihoods on either side fall
-    off as random walks with negative drift, each of which exceeds the value at the true time by
-    more than x / 2 with probability at most exp(-x / 2) (Siegmund 1988, Int Stat Rev 56:31).
+    The interval holds the candidates within 5.94 of the best T: log likelihoods on either side
+    fall off as random walks with negative drift, each of which exceeds the value at the true time
+    by more than x / 2 with probability at most exp(-x / 2) (Siegmund 1988, Int Stat Rev 56:31).
     """
 
     t: float
@@ -90,10 +90,10 @@ def _excess(left, fall, dof):
 
 
 def steps(t, y, valid, colour, sd, nuisance=None, *, alarm, most=MOST_STEPS):
-    """All sudden steps less likely than `alarm` by chance, found one by one; tuple of Step by time.
+    """All sudden steps less likely than `alarm` by chance, one by one; a tuple of Step by time.
 
     Each that is found becomes a nuisance of the next search (binary segmentation, Vostrikova 1981,
-    Dokl Akad Nauk SSSR 259:270), so that its size is the one beside those found before. A gradual
+    Dokl Akad Nauk SSSR 259:270); the sizes are those of all steps fitted together. A gradual
     change that the nuisance misses also looks like a step from afar: the search ends at the first
     one that is not there from near.
     """
@@ -105,7 +105,20 @@ def steps(t, y, valid, colour, sd, nuisance=None, *, alarm, most=MOST_STEPS):
         found.append(step)
         column = (np.asarray(t) >= step.t).astype(float)
         columns = column[:, None] if columns is None else np.column_stack([columns, column])
+    if len(found) > 1:
+        found = _together(found, t, y, valid, colour, sd, columns)
     return tuple(sorted(found, key=lambda step: step.t))
+
+
+def _together(found, t, y, valid, colour, sd, columns):
+    """The steps, whose columns are the last ones, with sizes fitted all at once."""
+    names = {'1': np.ones(len(t))} | {str(-i): c for i, c in enumerate(columns.T[::-1], start=1)}
+    fit = regress(t, y, names, valid, colour, sd)
+    out = []
+    for i, step in enumerate(reversed(found), start=1):
+        size, _ = fit.of(str(-i))
+        out.append(replace(step, size=np.atleast_1d(size)))
+    return out
 
 
 def sudden(step, t, y, valid, sd, nuisance=None):

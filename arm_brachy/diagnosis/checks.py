@@ -91,8 +91,8 @@ def refuse_apart_in_time(name, streams):
         if stream is not first and shared < SHARED * shorter:
             raise RecordingError(
                 f'{name}: {first.kind} runs from {first.t[0]:.6g} to {first.t[-1]:.6g} s, '
-                f'{stream.kind} from {stream.t[0]:.6g} to {stream.t[-1]:.6g} s; they must overlap: '
-                'bring both on one clock before the import')
+                f'{stream.kind} from {stream.t[0]:.6g} to {stream.t[-1]:.6g} s; they must '
+                'overlap: bring both on one clock before the import')
 
 
 def refuse_other_shape(name, streams, scene):
@@ -148,7 +148,7 @@ def _frames(stream, span):
 
 
 def refuse_too_little_motion(name, streams, scene):
-    """Raise RecordingError if nothing moved: pads by 2 % of their radius, else markers by noise."""
+    """Raise RecordingError if no pad moved by 2 % of its radius, or without pads no marker."""
     if scene.pads:
         travel = float(np.nanmax(np.ptp(streams[ENCODER].values[..., 0], axis=0)))
         least = LEAST_TRAVEL * max(pad.radius for pad in scene.pads)

@@ -1,8 +1,8 @@
 """How late each stream is against the encoders, without a model of the tissue.
 
-A stream is regressed on the history of the encoders (powers, products, memories); that it is late
-by D shows as -D d/dt of the part so explained. Memories are fitted beside it, so that a tissue that
-relaxes is not taken for a clock: what decides are the corners of the motion.
+A stream is regressed on the history of the encoders (powers, products, memories); that it is
+late by D shows as -D d/dt of the part so explained. Memories are fitted beside it, so that a
+tissue that relaxes is not taken for a clock: what decides are the corners of the motion.
 """
 
 from dataclasses import dataclass

@@ -1,12 +1,12 @@
 """What jumped together jumped for one reason: markers, pads and forces at the same instant."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from arm_brachy.diagnosis.finding import Finding, threshold
 from arm_brachy.diagnosis.jumps import Jump
-from arm_brachy.diagnosis.stream import BASE, EM, FORCE, OPTICAL, TISSUE
+from arm_brachy.diagnosis.stream import BASE, EM, FORCE, OPTICAL
 
 TOGETHER = 0.1     # s: steps whose intervals come as near as this may be one event
 MOST = 0.6         # of the markers that were there: the tracker or the whole bench jumped
@@ -47,8 +47,21 @@ def events_of(found, tests):
         group = [lead] + [j for j in (*strong, *weak) if _meets(lead, j)]
         strong = [j for j in strong if j not in group]
         weak = [j for j in weak if j not in group]
-        events.append(Event(lead.step.t, lead.step.low, lead.step.high, tuple(group)))
+        events.append(Event(lead.step.t, lead.step.low, lead.step.high, _one_each(group)))
     return tuple(events)
+
+
+def _one_each(group):
+    """Jumps with those of one channel, parts of one step that took a few samples, added up."""
+    channels = {}
+    for jump in group:
+        channels.setdefault((jump.kind, jump.channel), []).append(jump)
+    out = []
+    for parts in channels.values():
+        lead = max(parts, key=lambda j: j.z)
+        size = np.sum([j.step.size for j in parts], axis=0)
+        out.append(replace(lead, step=replace(lead.step, size=size)))
+    return tuple(out)
 
 
 def _meets(one, other):

@@ -12,9 +12,10 @@ FEWEST = 100     # unloaded samples
 TESTS = 2        # zero and drift
 
 
-def force_findings(prepared):
+def force_findings(prepared, jumps=()):
     """Findings about the zero of every pad's force sensor, from the times without a push.
 
+    jumps : times [s] of sudden events, after which the force at rest may be another
     What the tissue remembers of earlier pushes is fitted beside it (exponential memories), so that
     recovery is no drift.
     Test: diagnosis/test_force_zero.py
@@ -31,6 +32,7 @@ def force_findings(prepared):
     for time in MEMORIES[1:]:
         past = memories(t, tt, q[:, pads] / float(np.ptp(q)), time)
         columns |= {f'm{i}_{time}': past[:, j] for j, i in enumerate(pads)}
+    columns |= {f'jump {time}': (t >= time).astype(float) for time in jumps}
     noise, out = prepared.noise[FORCE], []
     for k, pad in enumerate(force.names):
         valid = rows & force.valid[:, k]

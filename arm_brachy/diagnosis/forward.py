@@ -104,14 +104,15 @@ class ForwardModel:
         """By how much the stamps of a stream are late [s]."""
         return sum(term.lateness for term in self._by_stage[STAGES[kind]])
 
-    def sense(self, kind, t, values, pads):
+    def sense(self, kind, t, values, pads, *, terms=None):
         """Return what the sensors of a stream show (c, 3) of the true `values` (c, 3) at t [s].
 
-        pads : (p, 3) [m]
+        pads : (p, 3) [m];  terms : to sense with, of any stage; None = the model's
         """
         names = {OPTICAL: self.specimen.markers, EM: self.specimen.tools,
                  FORCE: self.specimen.pads}[kind]
-        for term in self._by_stage[STAGES[kind]]:
+        by_stage = self._by_stage if terms is None else split(terms)
+        for term in by_stage[STAGES[kind]]:
             values = term.distort(t, names, values, pads)
         return values
 
@@ -154,5 +155,5 @@ class ForwardModel:
 def _refuse_outside(t, encoder):
     if not len(t) or t.min() < encoder.t[0] or t.max() > encoder.t[-1]:
         span = f'{t.min():g} to {t.max():g} s' if len(t) else 'no instant'
-        raise InputError(f'{span} asked for; must lie within the encoders\' {encoder.t[0]:g} to '
+        raise InputError(f"{span} asked for; must lie within the encoders' {encoder.t[0]:g} to "
                          f'{encoder.t[-1]:g} s')

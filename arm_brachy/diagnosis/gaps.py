@@ -35,8 +35,8 @@ def _gaps(stream, k, name):
         return []
     return [Finding(stream.kind, name, None, '', float(steps[worst]), 's', 0.0, np.inf,
                     float(edges[worst]), float(edges[worst + 1]),
-                    f'{name} ({stream.kind}) was seen in {100.0 * share:.0f} % of the samples; its '
-                    f'longest gap is {steps[worst]:.1f} s.')]
+                    f'{name} ({stream.kind}) was seen in {100.0 * share:.0f} % of the samples; '
+                    f'its longest gap is {steps[worst]:.1f} s.')]
 
 
 def _frozen(stream, k, name):

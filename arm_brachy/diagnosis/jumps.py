@@ -1,4 +1,4 @@
-"""Sudden steps of single channels, beside all that an honest tissue does with the pads' history."""
+"""Sudden steps of single channels, beside what an honest tissue does with the pads' history."""
 
 from dataclasses import dataclass
 

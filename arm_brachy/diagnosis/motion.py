@@ -49,12 +49,19 @@ class Motion:
             out.append((float(start), float(end), bool((self.q[i + 1] > self.touch).any())))
         return tuple(out)
 
-    def pieces(self):
-        """Stretches of still or of one velocity: tuples (t_start, t_end, moves), in order."""
-        stills = [(a, b, False) for a, b, _ in self.stills()]
-        moves = [(float(self.t[i]), float(self.t[i + 1]), True)
-                 for i in np.flatnonzero(~self.still)]
-        return tuple(sorted(stills + moves))
+    def phases(self):
+        """Stands and ramps, in order: tuples (first, stop) of pieces, stop excluded.
+
+        A ramp is a run of pieces on which the pads move on in about the same direction: corners of
+        its acceleration stay inside, a reversal ends it.
+        """
+        still, velocity, out, first = self.still, self.velocity, [], 0
+        for i in range(1, len(still) + 1):
+            if i == len(still) or still[i] != still[first] or (
+                    not still[i] and velocity[i] @ velocity[i - 1] <= 0.0):
+                out.append((first, i))
+                first = i
+        return tuple(out)
 
 
 def motion_of(evidence):

@@ -75,8 +75,8 @@ def noise_of(evidence, devices=None):
         None = their defaults
     Idle is the time before the first push, and if that is less than 5 s also the second half of
     the later stretches in which the pads stand; of a body without pads it is the last fifth of the
-    recording. What may be creep is taken out as a parabola. Variances of channels are pooled with 30
-    samples' weight; an encoder that shows no noise has that of its quantisation.
+    recording. What may be creep is taken out as a parabola. Variances of channels are pooled, the
+    pool weighing 30 samples; an encoder that shows no noise has that of its quantisation.
     """
     spans = idle_spans(evidence)
     return {kind: _noise(stream, spans, devices or {}) for kind, stream in

@@ -1,8 +1,8 @@
 """Marker on a pad minus encoder: what actuator, transmission and clocks do, without any tissue.
 
-Along the push direction r = y - u, y the marker's travel and u the encoder's. A gain g gives g u, a
-compliance c gives -c F, play of width w the play operator less u, a delay D of the marker's stamps
--D du/dt, lost steps or a slipped marker a step.
+Along the push direction r = y - u, y the marker's travel and u the encoder's. A gain g gives g u,
+a compliance c gives -c F, play of width w the play operator less u, a delay D of the marker's
+stamps -D du/dt, lost steps or a slipped marker a step.
 """
 
 from dataclasses import dataclass

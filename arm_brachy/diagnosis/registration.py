@@ -11,7 +11,7 @@ from arm_brachy.recording.rigid import RigidFit, fit_rigid
 
 FIRST = 0.2     # s at the beginning that count as rest for a body without pads
 FEWEST = 4      # markers that stay in a fit from which others are left out
-ODD = 5.0       # placements off the fit to the others: knocked or misplaced, not just glued by hand
+ODD = 5.0       # placements off the fit to the others: misplaced, not just glued by hand
 
 
 @dataclass(frozen=True)

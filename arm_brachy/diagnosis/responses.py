@@ -7,6 +7,7 @@ term but to be prepared and to have its memory carried along the baseline. Where
 supports or contact change, no such step leads there: these are run in full.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.forward import STAGES, ForwardModel
 from arm_brachy.diagnosis.hypothesis import Hypothesis
 from arm_brachy.diagnosis.specimen import attach
-from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
+from arm_brachy.diagnosis.stream import EM, OPTICAL
 from arm_brachy.diagnosis.trajectory import Trajectory, evolve
 from arm_brachy.diagnosis.transmission import Path, transmitted
 from arm_brachy.registry import TERMS
@@ -24,7 +25,7 @@ from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.contact_pads import touches
 from arm_brachy.tissue.free_dofs import moved_from_rest
 
-SMALL = 0.1     # of the typical size, at which effects on the tissue are linearised
+SMALL = 1e-3    # of the typical size, at which effects on the tissue are linearised
 WHOLE = 1.0     # at which thresholds, lost bonds and play are run: fainter, they may not act
 
 
@@ -60,9 +61,8 @@ def respond(baseline, hypothesis, scale=None):
 def _column(baseline, term, scale, at):
     """(change per typical size kind -> (n, c, 3), scale, exact) of one strength."""
     if term.stage is Stage.BODY:
-        plain = baseline.model.body
-        if rebuilt(plain, _prepared(baseline.model, term)[0]):
-            return _rerun(baseline, term, scale or WHOLE)
+        if _restructures(baseline, at(WHOLE)):
+            return _rerun(baseline, at(scale or WHOLE), scale or WHOLE)
         scale = scale or SMALL
         return _divided(body_change(baseline, at(scale)), scale), scale, False
     scale = scale or WHOLE
@@ -80,9 +80,9 @@ def _divided(change, scale):
     return {kind: values / scale for kind, values in change.items()}
 
 
-def _with(model, term):
-    """Terms of a model and one more, order of the registry."""
-    return tuple(sorted((*model.terms, term), key=lambda t: TERMS.index(type(t))))
+def _with(model, *added):
+    """Terms of a model and some more, order of the registry."""
+    return tuple(sorted((*model.terms, *added), key=lambda t: TERMS.index(type(t))))
 
 
 def _prepared(model, term):
@@ -92,6 +92,14 @@ def _prepared(model, term):
     for one in terms:
         body = one.prepare(body)
     return body, terms
+
+
+def _restructures(baseline, term):
+    """True if terms of this class take the tangent away; asked once of each class."""
+    known = baseline.restructures
+    if type(term) not in known:
+        known[type(term)] = rebuilt(baseline.model.body, _prepared(baseline.model, term)[0])
+    return known[type(term)]
 
 
 def rebuilt(old, new):
@@ -109,14 +117,7 @@ def _rerun(baseline, term, scale):
     """Full nonlinear runs with and without, on the same states."""
     model = ForwardModel(baseline.model.specimen, _with(baseline.model, term))
     new = model.predict(baseline.encoder, baseline.t)
-    old = shown(baseline)
-    return {kind: (new.get(kind) - old[kind]) / scale for kind in STAGES}, scale, True
-
-
-def shown(baseline):
-    """Return what the sensors of the baseline's model show, kind -> (n, c, 3)."""
-    nothing = [{kind: 0.0 for kind in STAGES}] * len(baseline.t)
-    return _sensed(baseline, baseline.model, nothing, np.zeros(len(baseline.model.specimen.pads)))
+    return {kind: (new.get(kind) - baseline.shown[kind]) / scale for kind in STAGES}, scale, True
 
 
 def body_change(baseline, term):
@@ -129,8 +130,8 @@ def body_change(baseline, term):
     body, terms = _prepared(model, term)
     fractions = _moduli_alone(baseline, body, terms)
     if fractions is not None:
-        return _sense_changes(baseline, [
-            _tissue(baseline, i, baseline.sensitivity(i).moduli @ fractions)
+        return _difference(baseline, [
+            baseline.split(baseline.sensitivity(i).moduli @ fractions)
             for i in range(len(baseline.t))])
     shift = body.mesh.nodes - model.body.mesh.nodes
     attached = model.attached if not shift.any() else attach(model.specimen, body)
@@ -140,27 +141,39 @@ def body_change(baseline, term):
         x, push = baseline.x(i) + shift, baseline.path.at(baseline.t[i:i + 1])[0]
         pads = push[:, None] * directions
         motion = moved_from_rest(body, pads, fields.base) - x
-        rate = assembler.forces(x, fields) - baseline.forces[i]
-        change = _tissue(baseline, i, baseline.sensitivity(i).change(motion, rate))
+        rate = _rate(baseline, i, assembler, x, fields)
+        change = baseline.split(baseline.sensitivity(i).change(motion, rate))
         moved = attached.points(x, pads, fields.base) - model.attached.points(
             baseline.x(i), baseline.pads(i), baseline.base(i))
         k = len(model.specimen.markers)
         change[OPTICAL] += moved[:k]
         change[EM] += moved[k:]
         changes.append(change)
-    return _sense_changes(baseline, changes)
+    return _difference(baseline, changes)
+
+
+def _rate(baseline, i, assembler, x, fields):
+    """Change (n, 3) [N] of `Assembler.forces` at state i, without a loop where loads alone do."""
+    before = baseline.fields[i]
+    if assembler is baseline.solver.assembler and all(
+            np.array_equal(getattr(before, name), getattr(fields, name))
+            for name in ('mu', 'kappa', 'beyond', 'swelling', 'base', 'stress')):
+        return before.nodal_force - fields.nodal_force
+    return assembler.forces(x, fields) - baseline.forces[i]
 
 
 def _moduli_alone(baseline, body, terms):
-    """Change (2m,) [Pa] of (mu, kappa) if `body` differs in these alone, else None."""
+    """Change (2m,) [Pa] of (mu, kappa) if `body` differs in these alone, else None.
+
+    Forces are linear in them as long as their ratio stays, on which the quadrature depends.
+    """
     plain = baseline.model.body
-    if baseline.model.remembers or any(t.memory(body) is not None for t in terms):
+    if baseline.model.remembers or any(term.memory(body) is not None for term in terms):
         return None
-    others = [name for name in vars(plain) if name in type(plain).__dataclass_fields__
-              and name not in ('mu', 'kappa')]
+    others = {f.name for f in dataclasses.fields(plain)} - {'mu', 'kappa'}
     if any(getattr(plain, name) is not getattr(body, name) for name in others):
         return None
-    if not np.array_equal(plain.geometry.shear, body.geometry.shear):
+    if not np.allclose(body.mu * plain.kappa, plain.mu * body.kappa, rtol=1e-12, atol=0.0):
         return None
     return np.concatenate([body.mu - plain.mu, body.kappa - plain.kappa])
 
@@ -187,32 +200,24 @@ def transmission_change(baseline, term):
     path = transmitted(_with(model, term), encoder, effort)
     before = transmitted(model.terms, encoder, effort)
     moved = path.at(baseline.t) - before.at(baseline.t)
-    return _sense_changes(baseline, [_pads_moved(baseline, i, moved[i])
-                                     for i in range(len(baseline.t))])
+    return _difference(baseline, [baseline.pads_moved(i, moved[i])
+                                  for i in range(len(baseline.t))])
 
 
 def sensing_change(baseline, term):
-    """Return the change kind -> (n, c, 3) by a sensing term; exact but for a clock's lateness."""
-    model = baseline.model
-    late = {kind: term.lateness if STAGES[kind] is term.stage else 0.0 for kind in STAGES}
-    path, changes = baseline.path, []
-    for i, t in enumerate(baseline.t):
-        changes.append({})
-        for kind in STAGES:
-            there = np.maximum(t - late[kind], baseline.encoder.t[0])
-            moved = path.at(np.array([there]))[0] - path.at(np.array([t]))[0]
-            changes[-1][kind] = _pads_moved(baseline, i, moved)[kind] if late[kind] else 0.0
-    new = ForwardModel.__new__(ForwardModel)
-    new.__dict__.update(model.__dict__)
-    return _difference(baseline, changes, term)
+    """Return the change kind -> (n, c, 3) by a sensing term at its amplitude.
+
+    Exact but for a clock's lateness, of which the motion of the pads meanwhile is taken.
+    """
+    nothing = [dict.fromkeys(STAGES, 0.0)] * len(baseline.t)
+    return _difference(baseline, nothing, (term,))
 
 
-def _pads_moved(baseline, i, moved):
-    """Change kind -> (c, 3) by pads moved by (p,) [m] along their directions."""
-    model = baseline.model
-    pads = moved[:, None] * model.directions
-    change = _tissue(baseline, i, np.einsum('rpi,pi->r', baseline.sensitivity(i).pads, pads))
-    rides, k = model.attached.on_pad @ pads, len(model.specimen.markers)
-    change[OPTICAL] += rides[:k]
-    change[EM] += rides[k:]
-    return change
+def _difference(baseline, changes, added=()):
+    """Change of what the sensors show, kind -> (n, c, 3), by changes of the truth at each state.
+
+    added : sensing terms besides those of the model
+    """
+    terms = _with(baseline.model, *added)
+    new = [baseline.reading(i, change, terms) for i, change in enumerate(changes)]
+    return {kind: np.stack([one[kind] for one in new]) - baseline.shown[kind] for kind in STAGES}

@@ -76,8 +76,8 @@ def _em_offset(prepared, em, seen, off, noise, span):
     if left_stretch + INDISTINCT < left_shift:
         return (Finding(EM, '', 'em_distortion', 'gradient', gradient, '1', power ** -0.5,
                         gradient * power ** 0.5, *span,
-                        f'At rest the EM positions are stretched by {100.0 * gradient:.1f} % about '
-                        'the origin.', rivals=('reference_shape',),
+                        f'At rest the EM positions are stretched by {100.0 * gradient:.1f} % '
+                        'about the origin.', rivals=('reference_shape',),
                         parameters={'gradient': gradient}),)
     alike = left_stretch < left_shift + INDISTINCT
     rivals = ('reference_shape',) + (('em_distortion',) if alike else ())
@@ -89,7 +89,7 @@ def _em_offset(prepared, em, seen, off, noise, span):
 
 
 def exchanged_findings(prepared):
-    """Findings about pairs of tissue markers that fit the scene only with their names exchanged."""
+    """Findings about pairs of tissue markers that fit the scene with their names exchanged."""
     stream, _ = prepared.on(OPTICAL, TISSUE)
     registration = prepared.registration
     if stream is None or registration.span is None or not registration.on:

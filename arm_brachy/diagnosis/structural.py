@@ -19,6 +19,7 @@ from arm_brachy.diagnosis.force_zero import force_findings
 from arm_brachy.diagnosis.gaps import gap_findings
 from arm_brachy.diagnosis.history import play
 from arm_brachy.diagnosis.jumps import Jump, jumps
+from arm_brachy.diagnosis.merge import merge
 from arm_brachy.diagnosis.pad_travel import COMPLIANCE, GAIN, PLAY, pad_travels
 from arm_brachy.diagnosis.rest_pose import (
     base_scale,
@@ -59,7 +60,7 @@ def structure_of(prepared):
     Test: diagnosis/test_structural.py
     """
     found = [*gap_findings(prepared), *exchanged_findings(prepared), *em_findings(prepared),
-             *pad_place_findings(prepared), *force_findings(prepared)]
+             *pad_place_findings(prepared)]
     pads, clocks, events = (), {}, ()
     if prepared.motion is not None:
         tests = channels(prepared)
@@ -75,10 +76,12 @@ def structure_of(prepared):
         events = events_of(every, tests)
         found += event_findings(prepared, events, pads,
                                 partial(share_followed, prepared, travel, late))
-        found += rhythm_findings(prepared, travel, late.get(OPTICAL, 0.0),
-                                 [event.t for event in events])
+        times = [event.t for event in events]
+        found += force_findings(prepared, times)
+        found += rhythm_findings(prepared, travel, late.get(OPTICAL, 0.0), times)
     found += base_findings(prepared, events)
-    return Structure(tuple(sorted(found, key=lambda f: -f.z)), pads, clocks)
+    merged = merge(found, prepared.evidence.pads, [one.pad for one in pads])
+    return Structure(tuple(sorted(merged, key=lambda f: -f.z)), pads, clocks)
 
 
 def channels(prepared):
@@ -170,8 +173,9 @@ def _actuator(prepared, one, cause, value, sd, z, more=()):
              COMPLIANCE: f'{1e3 * value:.3f} mm of yield per newton'}[cause]
     rivals = tuple(TERMS[c][0] for c in one.rivals.get(cause, ()) if c in TERMS) + tuple(more)
     return Finding(ENCODER, one.pad, term, parameter, value, unit, sd, z,
-                   *map(float, prepared.evidence.span), f'The marker on {one.pad} departs from the '
-                   f'encoder by {shown}.', rivals, parameters={
+                   *map(float, prepared.evidence.span),
+                   f'The marker on {one.pad} departs from the encoder by {shown}.', rivals,
+                   parameters={
                        parameter: value, 'actuators': (prepared.evidence.pads.index(one.pad),)})
 
 
@@ -197,8 +201,9 @@ def _gain_findings(prepared, gains, pads, limit):
     told = sigma(base.value, base.sd) > ALIKE
     return [Finding(OPTICAL, '', 'optical_scale', 'scale', scale, '1', sd, z,
                     *map(float, prepared.evidence.span),
-                    f'Every pad travels {100.0 * mean:+.2f} % against its encoder and the distances '
-                    f'on the base are {100.0 * base.value:+.2f} % off: the scale of the tracker.',
+                    f'Every pad travels {100.0 * mean:+.2f} % against its encoder and the '
+                    f'distances on the base are {100.0 * base.value:+.2f} % off: the scale of the '
+                    'tracker.',
                     () if told else ('actuator_gain',), parameters={'scale': scale})]
 
 

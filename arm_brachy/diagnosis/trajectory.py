@@ -12,6 +12,7 @@ from arm_brachy.tissue.newton import StaticSolver
 from arm_brachy.tissue.simulator import TissueSimulator
 
 LEAD = 0.02         # s before every instant that a body with memory is stepped to
+APART = 1e-6        # s: times closer than that are one
 ALIKE = 1e-7        # m: pads closer than that are in one place
 
 
@@ -56,10 +57,13 @@ def grid(path, t):
     """
     travel = float(np.ptp(path.q, axis=0).max(initial=0.0))
     corners = path.t[corners_of(path.t, path.q, max(FINENESS * travel, ALIKE))]
-    start, times = path.t[0], np.concatenate([corners, t, t - LEAD])
-    times = np.unique(times[(times >= start) & (times <= max(t))])
-    close = np.diff(times, prepend=-np.inf) < 1e-9
-    return np.unique(np.concatenate([[start], times[~close], t]))
+    wanted = np.unique(np.append(t, path.t[0]))
+    between = np.unique(np.concatenate([corners, wanted - LEAD]))
+    between = between[(between > wanted[0]) & (between < wanted[-1])]
+    after = np.searchsorted(wanted, between)
+    gap = np.minimum(between - wanted[after - 1], wanted[after] - between)
+    between = between[gap > APART]
+    return np.union1d(wanted, between[np.diff(between, prepend=-np.inf) > APART])
 
 
 class Equilibria:

@@ -81,7 +81,8 @@ def _draw_surface(axis, view, positions, faces, values):
     return surface
 
 
-def _on_paper(view, point):
+def on_paper(view, point):
+    """A point (3,) [m] in a View: (across, up) in mm."""
     return point[view.across] * MM, point[view.up] * MM
 
 
@@ -94,22 +95,23 @@ def _draw_pads(axis, view, run, t, size):
         tip = np.asarray(pad.centre) + push * np.asarray(pad.direction)
         label = tip
         if facing < -HEAD_ON:
-            axis.plot(*_on_paper(view, tip), 'X', color=INK, markersize=8)
+            axis.plot(*on_paper(view, tip), 'X', color=INK, markersize=8)
             label = tip - 0.09 * size * np.eye(3)[view.up]
         elif facing > HEAD_ON:
             continue
         else:
-            _draw_arrow(axis, view, tip, tip - 0.15 * size * np.asarray(pad.direction))
+            draw_arrow(axis, view, tip, tip - 0.15 * size * np.asarray(pad.direction))
             label = tip - 0.27 * size * np.asarray(pad.direction)
-        axis.text(*_on_paper(view, label), f'{pad.name}\n{push * MM:.1f} mm', fontsize=7.5,
+        axis.text(*on_paper(view, label), f'{pad.name}\n{push * MM:.1f} mm', fontsize=7.5,
                   ha='center', va='center', path_effects=HALO)
-        axis.plot(*_on_paper(view, label), alpha=0.0)
+        axis.plot(*on_paper(view, label), alpha=0.0)
 
 
-def _draw_arrow(axis, view, tip, tail):
-    axis.annotate('', _on_paper(view, tip), _on_paper(view, tail),
-                  arrowprops={'arrowstyle': '-|>', 'color': INK, 'lw': 1.6, 'mutation_scale': 12,
-                              'shrinkA': 0, 'shrinkB': 0})
+def draw_arrow(axis, view, tip, tail, color=INK, width=1.6):
+    """An arrow from `tail` to `tip`, both (3,) [m]; `width` in points."""
+    axis.annotate('', on_paper(view, tip), on_paper(view, tail),
+                  arrowprops={'arrowstyle': '-|>', 'color': color, 'lw': width,
+                              'mutation_scale': 12, 'shrinkA': 0, 'shrinkB': 0})
 
 
 def _draw_markers(axis, view, run, t):
@@ -131,11 +133,11 @@ def _draw_targets(axis, view, run, t):
     label = 'target (hollow: at rest)'
     for name, series in run.truth.items():
         now = [np.interp(t, series.t, series.values[:, k]) for k in range(3)]
-        axis.plot(*_on_paper(view, series.values[0]), 'o', markerfacecolor='none',
+        axis.plot(*on_paper(view, series.values[0]), 'o', markerfacecolor='none',
                   markeredgecolor=GOAL, markersize=7)
-        axis.plot(*_on_paper(view, now), 'o', color=GOAL, markersize=6, linestyle='', label=label)
+        axis.plot(*on_paper(view, now), 'o', color=GOAL, markersize=6, linestyle='', label=label)
         if name in _named(run, view):
-            axis.annotate(name, _on_paper(view, now), xytext=(6, 5), textcoords='offset points',
+            axis.annotate(name, on_paper(view, now), xytext=(6, 5), textcoords='offset points',
                           fontsize=8, color=GOAL, fontweight='bold', path_effects=HALO)
         label = None
 

@@ -24,6 +24,9 @@ class NewtonOptions:
                'one step old; six decades below the sensors')
     max_iterations: int = 40            # per load step; a healthy step takes 3 to 8
     max_bisections: int = 8             # smallest load step 2^-8 of the command
+    # A solve that needs more is lost: a dome pushed by a third of its height takes 50. On 2300
+    # quadratic elements the limit is reached in some ten seconds.
+    max_factorisations: int = 150
     # Keep the old factor while, at the rate at which corrections have shrunk since it was made, at
     # most so many are still to come, besides those that cost as much as a new factor. They come
     # faster than that rate says, since every one teaches something (dome, 10 mm, linear elements:
@@ -71,11 +74,11 @@ NEAR = 1e4  # corrections of so many tolerances belong to a state that is all bu
 
 
 class _Failed(NotConverged):
-    """One load step did not reach equilibrium; `outcome` says why."""
+    """One load step did not reach equilibrium; `outcome` says why; `final`: no use in halving."""
 
-    def __init__(self, outcome):
+    def __init__(self, outcome, *, final=False):
         super().__init__(outcome.advice)
-        self.outcome = outcome
+        self.outcome, self.final = outcome, final
 
 
 class StaticSolver:
@@ -237,9 +240,9 @@ class StaticSolver:
                 loads, before = fields, start
             try:
                 x, state = self._load_step(x, before, (ahead - t) * way, loads, counts)
-            except _Failed:
+            except _Failed as failure:
                 step /= 2.0
-                if step < 0.5 ** self.options.max_bisections:
+                if failure.final or step < 0.5 ** self.options.max_bisections:
                     raise
                 continue
             t, step = ahead, 2.0 * step
@@ -334,8 +337,13 @@ class StaticSolver:
         return np.abs(found - 1.0).max(initial=0.0) > WORST_SOLVE
 
     def _factored(self, upper, counts):
-        """True if the matrix is positive definite; then `_factor` holds its factor."""
+        """True if the matrix is positive definite; then `_factor` holds its factor.
+
+        Raises _Failed for good when there have been too many.
+        """
         counts['factorisations'] += 1
+        if counts['factorisations'] > self.options.max_factorisations:
+            raise _Failed(Outcome.NOT_CONVERGED, final=True)
         try:
             self._factor.factor(upper)
         except FactorisationFailed:

@@ -60,8 +60,8 @@ def _refuse_leaving(points, nodes, faces, way):
     squared, _, _ = igl.point_mesh_squared_distance(points, nodes, faces)
     off = np.sqrt(squared.mean())
     if off > OFF_SURFACE * way:
-        raise MeshError(f'the nodes that move by {1e3 * way:.3g} mm end {1e3 * off:.3g} mm off the '
-                        f'surface (root mean square); at most {OFF_SURFACE} of the way is allowed; '
+        raise MeshError(f'nodes that move by {1e3 * way:.3g} mm end {1e3 * off:.3g} mm off the '
+                        f'surface (root mean square); must be at most {OFF_SURFACE} of the way; '
                         'the patch reaches an edge of the body; move it less or elsewhere')
 
 

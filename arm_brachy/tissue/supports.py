@@ -9,6 +9,9 @@ phi is that of contact (`contact_kernels.pressure_law`): zero for d >= 0, and be
 the tissue sinks in by a stated depth. Unlike the bodies of `contact`, ground has no edges and no
 friction and knows its points beforehand, so that its potential is convex and belongs to the
 tissue's own: statics, dynamics and contact find it in `Assembler`. g is glue where a bond is left.
+In the tangent a point that just touches counts as closed, although phi'' starts from zero there: a
+body at rest on the ground would otherwise take its first step into the ground under its own
+weight, farther than Newton finds back from.
 """
 
 from dataclasses import replace
@@ -121,7 +124,8 @@ def _add_tangent(u, base, nodes, shape, normal, gap, stiffness, onset, glue, car
     w, size = np.empty(3), nodes.shape[1]
     for s in range(nodes.shape[0]):
         _offset(s, u, base, nodes, shape, carried, w)
-        _, _, k = pressure_law(_gap(s, w, normal, gap), stiffness[s], onset[s])
+        d = _gap(s, w, normal, gap)
+        k = stiffness[s] if d == 0.0 else pressure_law(d, stiffness[s], onset[s])[2]
         for a in range(size):
             for b in range(size):
                 share = shape[s, a] * shape[s, b]

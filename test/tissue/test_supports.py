@@ -34,7 +34,8 @@ def block(quadratic=False, cells=(4, 4, 2), gravity=9.81):
     if quadratic:
         mesh = quadratic_mesh(mesh)
     m, (mu, kappa) = len(mesh.tets), moduli(6e3, 0.45)
-    pad = Pad('pad', disc, np.array([0.0, 0.0, -1.0]), np.array([SIDE / 2, SIDE / 2, HEIGHT]), 0.01)
+    pad = Pad('pad', disc, np.array([0.0, 0.0, -1.0]), np.array([SIDE / 2, SIDE / 2, HEIGHT]),
+              0.01)
     return SoftBody(mesh, np.full(m, mu), np.full(m, kappa), np.full(m, 1e3),
                     np.zeros(0, dtype=np.int64), (pad,), gravity=np.array([0.0, 0.0, -gravity]))
 
@@ -71,7 +72,7 @@ def test_forces_and_tangent_are_derivatives(quadratic):
     glue = np.where(rng.random(len(body.supports.nodes)) < 0.3, 50.0, 0.0)
     body = dataclasses.replace(body, supports=dataclasses.replace(body.supports, glue=glue))
     assembler, fields = Assembler(body), StepFields.of(body)
-    fields.base[:] = 1e-4, -2e-4, 1e-4
+    fields.base[:] = 1e-4, -2e-4, -2e-5
     x = body.mesh.nodes + rng.uniform(-3e-4, 3e-4, body.mesh.nodes.shape)
     gap, _ = reactions(body.supports, x - body.mesh.nodes, fields.base)
     assert 0.2 < (gap < 0.0).mean() < 0.8
@@ -118,9 +119,10 @@ def test_complementarity_and_balance(quadratic, push):
     assert (force >= 0.0).all() and (gap >= -depth).all() and force.max() > 0.0
     assert not force[gap >= 0.0].any()
     weight = WEIGHT * SIDE**2 * HEIGHT
-    assert force.sum() - found.pad_force[0, 2] == pytest.approx(weight, rel=1e-6)
-    # no friction: nothing but the pad bears a sideways force, and none is left
-    np.testing.assert_allclose(found.pad_force[0, :2], 0.0, atol=1e-6 * weight)
+    # no friction: the ground bears none of what goes sideways, so that the pad bears nothing
+    up = force @ body.supports.normal - found.pad_force[0]
+    np.testing.assert_allclose(up, [0.0, 0.0, weight], rtol=0.0, atol=len(gap) * found.residual)
+    assert len(gap) * found.residual < 1e-3 * weight
 
 
 @both_elements
@@ -162,4 +164,4 @@ def test_solvers_without_ground_refuse_it():
     with pytest.raises(ConfigError, match='admm: .* one-sided supports'):
         AdmmSolver(body)
     with pytest.raises(ConfigError, match='reduced model: .* one-sided supports'):
-        train(body, PushDomain.of(body, 1e-3), modes=1)
+        train(body, PushDomain.of(body, 1e-3), rng=np.random.default_rng(0), samples=2, modes=1)

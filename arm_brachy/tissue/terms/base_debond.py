@@ -1,4 +1,4 @@
-"""A sector of the glued base that has come off: it lifts freely and still rests on what is below."""
+"""A sector of the glued base that has come off: it lifts, and still rests on what is below."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -46,7 +46,7 @@ class BaseDebond(BodyTerm):
     spec: ClassVar[TermSpec] = TermSpec(
         name='base_debond', kind=Kind.BOUNDARY, stage=Stage.BODY,
         summary='part of the glued base has come off',
-        equation='d >= 0, p >= 0, p d = 0 (regularised: p = -phi\'(d)), no shear, for '
+        equation="d >= 0, p >= 0, p d = 0 (regularised: p = -phi'(d)), no shear, for "
                  '|X - c| < R on the base',
         source='Signorini 1933 (unilateral support); penalty regularisation: Wriggers 2006, '
                'Computational Contact Mechanics; Kikuchi & Oden 1988, Contact Problems in '

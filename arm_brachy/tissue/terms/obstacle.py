@@ -60,9 +60,10 @@ class Obstacle(BodyTerm):
         away = np.linalg.norm(where - np.array(self.centre), axis=1)
         profile = np.maximum(1.0 - (away / self.radius) ** 2, 0.0) ** 2
         if not profile.any():
-            raise MeshError(f'obstacle: the free surface is {1e3 * away.min():.1f} mm from centre '
-                            f'at the nearest; must be within radius = {1e3 * self.radius:g} mm; '
-                            'move it onto the surface')
+            off = away.min(initial=np.inf)
+            raise MeshError(f'obstacle: the free surface is {1e3 * off:.1f} mm from centre at the '
+                            f'nearest; must be within radius = {1e3 * self.radius:g} mm; move it '
+                            'onto the surface')
         inward = (profile * points.stiffness) @ points.normal
         inward /= np.linalg.norm(inward)
         height = where @ inward

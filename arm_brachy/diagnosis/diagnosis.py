@@ -1,0 +1,224 @@
+"""The answer of a diagnosis: everything that is said, in one object that checks itself."""
+
+import json
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from arm_brachy.core.config import to_mapping
+from arm_brachy.core.errors import InputError
+from arm_brachy.core.quantity import UNITS, quantities
+from arm_brachy.core.scene import Material
+from arm_brachy.diagnosis import words
+from arm_brachy.diagnosis.cause import Cause
+from arm_brachy.diagnosis.statements import edge_unit
+
+VERDICTS = ('named', 'nothing_missing', 'equivalent', 'unexplained')
+RECALIBRATED = ('E', 'nu')   # fields of core.scene.Material that an overlay can carry
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """How to get the answer again.
+
+    name : of the diagnosis;  command : as typed;  scene : path of the scene that was given
+    recordings : statements.Recording each
+    """
+
+    name: str
+    seed: int
+    commit: str
+    machine: str
+    scene: str
+    recordings: tuple
+    command: str = ''
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What `diagnose` says of recordings beside a scene.
+
+    verdict : 'named', 'nothing_missing', 'equivalent' (the options cannot be told apart) or
+        'unexplained' (something is left that no term explains)
+    causes : cause.Cause;  option 0 holds in any case, of the other options one
+    where, when : statements.Place and statements.Interval, most certain first
+    alternatives : statements.Alternative that were considered and lost, best first
+    fit : statements.StreamFit per stream, on what was held out
+    next_experiment : statements.NextExperiment or None
+    recalibrated : 'E', 'nu' -> cause.Estimate [Pa, 1], fitted whatever else was found
+    scene : path of the corrected scenario, None if none was written
+    chance : that noise alone leaves as much as is left, by structured tests; None = not tested
+    apart : separation of what is named from the nearest rival [sd];  None = no rival
+    findings : finding.Finding, what needs no tissue model;  notes : sentences
+    Raises InputError if verdict and causes contradict each other.
+    Test: diagnosis/test_diagnosis.py
+    """
+
+    verdict: str
+    provenance: Provenance
+    causes: tuple = ()
+    where: tuple = ()
+    when: tuple = ()
+    alternatives: tuple = ()
+    fit: tuple = ()
+    next_experiment: object = None
+    recalibrated: dict = field(default_factory=dict)
+    scene: str | None = None
+    chance: float | None = None
+    apart: float | None = None
+    findings: tuple = ()
+    notes: tuple = ()
+
+    def __post_init__(self):
+        if self.verdict not in VERDICTS:
+            raise InputError(f'verdict {self.verdict!r}; must be one of {", ".join(VERDICTS)}')
+        options = {cause.option for cause in self.causes}
+        if self.verdict == 'equivalent':
+            if len(options - {0}) < 2:
+                raise InputError(f'verdict equivalent with options {sorted(options)}; must have '
+                                 'at least two that are not 0')
+        elif options - {0}:
+            raise InputError(f'verdict {self.verdict} with options {sorted(options)}; every cause '
+                             'must have option 0: it holds')
+        if self.verdict == 'named' and not self.causes:
+            raise InputError('verdict named without a cause; must name one')
+        if self.verdict == 'nothing_missing' and self.causes:
+            raise InputError(f'verdict nothing_missing with {len(self.causes)} causes; must have '
+                             'none')
+        if self.verdict == 'unexplained' and not (self.where or self.when):
+            raise InputError('verdict unexplained without where or when; must have one of them')
+        if odd := set(self.recalibrated) - set(RECALIBRATED):
+            raise InputError(f'recalibrated {", ".join(sorted(odd))}; must be of '
+                             f'{", ".join(RECALIBRATED)}: what a scenario can carry')
+
+    @property
+    def sentence(self):
+        """The verdict in one sentence."""
+        return words.verdict(self)
+
+    def options(self):
+        """Map option -> tuple of its causes, most probable first; 0 (in any case) leads."""
+        found = {}
+        for cause in self.causes:
+            found.setdefault(cause.option, []).append(cause)
+        return {o: tuple(found[o]) for o in
+                sorted(found, key=lambda o: (o != 0, -max(c.probability for c in found[o])))}
+
+    def likeliest(self):
+        """The causes that hold if the most probable option does."""
+        options = self.options()
+        free = [o for o in options if o != 0]
+        return (*options.get(0, ()), *(options[free[0]] if free else ()))
+
+    def place_of(self, cause):
+        """The first Place that belongs to a cause; None if there is none."""
+        return next((p for p in self.where if p.option == cause.option and p.term == cause.term),
+                    None)
+
+    def to_json(self, path=None):
+        """The answer as JSON text; also written to `path` if given. NaN and infinity are null."""
+        text = json.dumps(_plain(_body(self)), indent=2, allow_nan=False, ensure_ascii=False)
+        if path is not None:
+            Path(path).write_text(text + '\n', encoding='utf-8')
+        return text + '\n'
+
+
+def _body(d):
+    return {
+        'verdict': d.verdict,
+        'sentence': d.sentence,
+        'where': [_place(place) for place in d.where],
+        'when': [_interval(interval) for interval in d.when],
+        'causes': [_cause(cause) for cause in d.causes],
+        'alternatives': [_alternative(d, one) for one in d.alternatives],
+        'fit': [_fit(one) for one in d.fit],
+        'next_experiment': None if d.next_experiment is None else _next(d.next_experiment),
+        'scene': d.scene,
+        'recalibrated': _estimates(Material, d.recalibrated),
+        'chance_of_what_is_left': d.chance,
+        'separation_sd': d.apart,
+        'findings': [_finding(one) for one in d.findings],
+        'notes': list(d.notes),
+        'provenance': _provenance(d.provenance),
+    }
+
+
+def _place(place):
+    out = {key: getattr(place, key) for key in ('stream', 'channel', 'actuator', 'boundary')
+           if getattr(place, key)}
+    if place.position is not None:
+        out |= {'position_m': place.position, 'radius_m': place.radius}
+    if place.term:
+        out |= {'term': place.term, 'option': place.option}
+    return out
+
+
+def _interval(interval):
+    out = {'recording': interval.recording, 't_start_s': interval.t_start,
+           't_end_s': interval.t_end, 'regime': interval.regime}
+    if interval.onset is not None:
+        out['onset_s'] = interval.onset
+    if interval.term:
+        out['term'] = interval.term
+    return out
+
+
+def _cause(cause):
+    return {'term': cause.term, 'parameters': _estimates(cause.declared, cause.parameters),
+            'applies_to': cause.applies_to, 'probability': cause.probability,
+            'option': cause.option}
+
+
+def _estimates(declared, estimates):
+    """Parameters in the unit of their declaration, which the key ends in."""
+    infos = quantities(declared)
+    return {infos[name].key(name): {
+        'value': infos[name].to_edge(one.value),
+        'interval_90': [infos[name].to_edge(one.low), infos[name].to_edge(one.high)],
+        'unit': UNITS[infos[name].unit][1]} for name, one in estimates.items()}
+
+
+def _alternative(d, one):
+    return {'terms': one.terms, 'held_out_score': one.held_out, 'visible': one.visible,
+            'why': words.why_not(one, d)}
+
+
+def _fit(one):
+    unit, scale = edge_unit(one.stream)
+    rmse = {key: None if value is None else value / scale for key, value in (
+        ('as_given', one.as_given), ('recalibrated', one.recalibrated),
+        ('with_the_causes', one.named), ('noise_floor', one.noise_floor))}
+    return {'stream': one.stream, 'unit': unit, **rmse, 'held_out': one.held_out}
+
+
+def _next(one):
+    return {'words': words.request(one), 'moves': [to_mapping(move) for move in one.moves],
+            'record': one.record, 'splits': one.splits, 'separation_sd': one.separation}
+
+
+def _finding(one):
+    return {'stream': one.stream, 'channel': one.channel, 'term': one.term,
+            'statement': one.statement, 'size_sd': one.z, 't_start_s': one.t_start,
+            't_end_s': one.t_end, 'rivals': one.rivals}
+
+
+def _provenance(source):
+    return {'name': source.name, 'seed': source.seed, 'commit': source.commit,
+            'machine': source.machine, 'scene': source.scene, 'command': source.command,
+            'recordings': [{'name': r.name, 'role': r.role, 't_start_s': r.t_start,
+                            't_end_s': r.t_end} for r in source.recordings]}
+
+
+def _plain(value):
+    """numpy and tuples -> what JSON holds; NaN and infinity -> None."""
+    if isinstance(value, dict):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

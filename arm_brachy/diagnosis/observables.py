@@ -1,0 +1,128 @@
+"""Everything measured at the states, as one vector whose noise is white."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from arm_brachy.core.errors import InputError
+from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
+
+KINDS = (OPTICAL, EM, FORCE)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One stream at n states, positions in the world frame.
+
+    kind : OPTICAL, EM or FORCE;  names : c channels;  values : (n, c, 3) SI;  valid : (n, c)
+    sd : (n, c, 3) of the values, windows averaged;  correlation : (n, n) of noise between states
+    """
+
+    kind: str
+    names: tuple
+    values: np.ndarray
+    valid: np.ndarray
+    sd: np.ndarray
+    correlation: np.ndarray
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one entry of the vector is: stream, channel, axis 0 to 2 and number of the state."""
+
+    kind: str
+    channel: str
+    axis: int
+    state: int
+
+
+def measured_at(prepared, kind, windows):
+    """Return the Measured of one stream: means over windows; None if it was not recorded.
+
+    prepared : prepared.Prepared;  windows : (n, 2) [s] start and end, short against any change
+    A channel seen in less than half of a window's samples is not valid there.
+    """
+    stream, noise = prepared.on(kind, *set(prepared.evidence.get(kind).bodies)) if (
+        prepared.evidence.get(kind) is not None) else (None, None)
+    if stream is None:
+        return None
+    shape = (len(windows), len(stream.names))
+    values, sd = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
+    count = np.zeros(shape)
+    for i, (start, end) in enumerate(windows):
+        part = stream.between(start, end)
+        count[i] = part.valid.sum(axis=0)
+        enough = (count[i] > 0) & (count[i] >= 0.5 * len(part.t))
+        count[i, ~enough] = 0
+        values[i, enough] = np.nanmean(part.values[:, enough], axis=0)
+    valid = count > 0
+    sd = np.sqrt(noise.mean_variance(np.maximum(count, 1)))
+    typical = np.maximum(np.median(count, axis=1), 1)
+    return Measured(kind, stream.names, values, valid, sd,
+                    noise.between(np.mean(windows, axis=1), typical))
+
+
+class Observables:
+    """The measured streams of one recording as one whitened vector.
+
+    measured : Measured of each stream, in the order of KINDS;  channels : kind -> names in the
+        order of the model's arrays (forward.Predicted)
+    rows : N Row, only what is valid, by stream, channel, axis and state
+    Channels and axes are independent; states of one channel are correlated, which `whiten` takes
+    out by the Cholesky factor of each channel's covariance.
+    Raises InputError for a channel that the model does not have.
+    Test: diagnosis/test_observables.py
+    """
+
+    def __init__(self, measured, channels):
+        self.measured = tuple(measured)
+        self._blocks, rows = [], []
+        for stream in self.measured:
+            unknown = [n for n in stream.names if n not in channels[stream.kind]]
+            if unknown:
+                raise InputError(f'{stream.kind} has {", ".join(unknown)}; the model knows '
+                                 f'{", ".join(channels[stream.kind])}; give the same scene')
+            for c, name in enumerate(stream.names):
+                seen = np.flatnonzero(stream.valid[:, c])
+                there = channels[stream.kind].index(name)
+                for axis in range(3) if len(seen) else ():
+                    sd = stream.sd[seen, c, axis]
+                    covariance = np.outer(sd, sd) * stream.correlation[np.ix_(seen, seen)]
+                    factor = cholesky(covariance, lower=True)
+                    self._blocks.append((stream.kind, c, there, axis, seen, factor))
+                    rows += [Row(stream.kind, name, axis, int(i)) for i in seen]
+        self.rows = tuple(rows)
+
+    @property
+    def states(self):
+        """(N,) number of the state of every row."""
+        return np.array([row.state for row in self.rows], dtype=int)
+
+    def whiten(self, values):
+        """Return (N, k) of arrays kind -> (n, c, 3, k) in the model's order, each over the noise.
+
+        A kind that is left out counts as zero.
+        """
+        k = next(iter(values.values())).shape[3]
+        out = []
+        for kind, _, there, axis, seen, factor in self._blocks:
+            part = values[kind][seen, there, axis] if kind in values else np.zeros((len(seen), k))
+            out.append(solve_triangular(factor, part, lower=True))
+        return np.concatenate(out) if out else np.zeros((0, k))
+
+    def residual(self, predicted):
+        """Return (N,) measured minus predicted over the noise.
+
+        predicted : kind -> (n, c, 3) in the model's order, e.g. `Baseline.shown`
+        """
+        by_kind, out = {stream.kind: stream for stream in self.measured}, []
+        for kind, c, there, axis, seen, factor in self._blocks:
+            off = by_kind[kind].values[seen, c, axis] - predicted[kind][seen, there, axis]
+            out.append(solve_triangular(factor, off, lower=True))
+        return np.concatenate(out) if out else np.zeros(0)
+
+
+def channels_of(specimen):
+    """Return kind -> names of a specimen.Specimen, in the order of a model's arrays."""
+    return {OPTICAL: specimen.markers, EM: specimen.tools, FORCE: specimen.pads}

@@ -1,0 +1,211 @@
+"""The page of a diagnosis: read in a minute from the top, details below."""
+
+import re
+from dataclasses import dataclass
+from io import StringIO
+
+from ruamel.yaml import YAML
+
+from arm_brachy.core.config import to_mapping
+from arm_brachy.core.quantity import UNITS, quantities
+from arm_brachy.core.scene import Material
+from arm_brachy.diagnosis import words
+from arm_brachy.diagnosis.figures import fit_plate, when_plate, where_plate
+from arm_brachy.diagnosis.statements import edge_unit
+from arm_brachy.evaluation.body_place import Body
+from arm_brachy.evaluation.page import (
+    Cell,
+    Column,
+    Fact,
+    Grid,
+    Verdict,
+    number,
+    pictures,
+    write_page,
+)
+
+MOODS = {'named': 'bad', 'nothing_missing': 'good', 'equivalent': 'open', 'unexplained': 'open'}
+PARAMETERS = (Column('Parameter', numeric=False), Column('Meaning', numeric=False),
+              Column('Value'), Column('90 % interval'), Column('Unit', numeric=False))
+ALTERNATIVES = (Column('Explanation', numeric=False), Column('Held-out score', 'nat'),
+                Column('Why it lost', numeric=False))
+FINDINGS = (Column('Stream', numeric=False), Column('Channel', numeric=False),
+            Column('Finding', numeric=False), Column('Size', 'sd'), Column('From', 's'),
+            Column('To', 's'))
+RECORDINGS = (Column('Recording', numeric=False), Column('Use', numeric=False),
+              Column('From', 's'), Column('To', 's'))
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is drawn beside what is said. body : Body;  traces : figures.Trace each."""
+
+    body: Body
+    traces: tuple = ()
+
+
+@dataclass(frozen=True)
+class _Cause:
+    name: str
+    summary: str
+    applies_to: str
+    equation: str
+    parameters: Grid
+    source: str
+
+
+@dataclass(frozen=True)
+class _Option:
+    heading: str
+    causes: tuple
+
+
+def write_diagnosis(d, shown, out_html):
+    """Write Diagnosis `d` as one HTML page that needs no other file; returns its path.
+
+    shown : Shown;  Raises OSError if the page cannot be written.
+    Test: diagnosis/test_page.py
+    """
+    plates = {'where': where_plate(d, shown.body),
+              'when': when_plate(d, shown.traces) if shown.traces else None,
+              'fit': fit_plate(d) if d.fit else None}
+    plates = {name: plate for name, plate in plates.items() if plate is not None}
+    drawn = dict(zip(plates, pictures(plates.values()), strict=True))
+    source = d.provenance
+    return write_page(
+        'diagnosis.html.j2', out_html, title=f'{source.name}: diagnosis',
+        kind='arm_brachy diagnosis: where simulation and recording differ, and why',
+        heading=source.name, verdict=Verdict(MOODS[d.verdict], _typeset(d.sentence), _detail(d)),
+        facts=_facts(d), where=drawn.get('where'), when=drawn.get('when'), fit=drawn.get('fit'),
+        numbers={name: i + 1 for i, name in enumerate(drawn)},
+        place_words=[_sentence(place.term, words.place(place)) for place in d.where],
+        when_words=[_sentence(one.term, words.interval(one, source.recordings)) for one in d.when], options=_options(d, shown.body),
+        gains=[words.improvement(one) for one in d.fit], certainty=_typeset(words.certainty(d)), alternatives=_alternative_grid(d),
+        request='' if d.next_experiment is None else words.request(d.next_experiment),
+        moves=_yaml(d.next_experiment), corrected=d.scene, recalibrated=_recalibrated_grid(d),
+        findings=_finding_grid(d), notes=d.notes, recordings=_recording_grid(source),
+        provenance=_provenance(source), command=source.command, scenario='')
+
+
+def _detail(d):
+    """Second sentence: how much of what was found, or what would decide it."""
+    if d.verdict == 'equivalent' and d.next_experiment is not None:
+        return f'To decide it: {words.request(d.next_experiment)}'
+    found = [(cause, cause.shown()) for cause in d.causes]
+    return _typeset(' '.join(
+        f'{_capital(words.spoken(cause.term))}: '
+        f'{"; ".join(words.parameter(n, u, *v) for n, _, u, *v in rows)}.'
+        for cause, rows in found if rows))
+
+
+def _facts(d):
+    facts = []
+    if d.verdict == 'named':
+        facts.append(Fact('Probability', words.percent(min(c.probability for c in d.causes))))
+    for one in d.fit:
+        unit, scale = edge_unit(one.stream)
+        before, after, floor = words.figures(
+            tuple(v / scale for v in (one.recalibrated, one.reached, one.noise_floor)))
+        change = after if one.named is None else f'{before} → {after}'
+        facts.append(Fact(f'Held-out error, {one.stream}', change, f'{unit} (noise {floor})'))
+    if d.where and d.where[0].position is not None:
+        facts.append(Fact('Place known within', number(d.where[0].radius * words.MM, 1),
+                          'mm (90 %)'))
+    if d.apart is not None:
+        label = 'Options apart' if d.verdict == 'equivalent' else 'From the nearest rival'
+        facts.append(Fact(label, number(d.apart, 1), 'standard deviations'))
+    return facts
+
+
+def _sentence(term, said):
+    return _typeset(_capital(f'{words.spoken(term)} {said}.'.lstrip()))
+
+
+def _typeset(text):
+    """Proper minus signs in front of numbers; per cents stay on the line of their number."""
+    return re.sub(r'(?<=\d) %', '\N{NO-BREAK SPACE}%', re.sub(r'(?<!\w)-(?=\d)', '−', text))
+
+
+def _capital(text):
+    return text[:1].upper() + text[1:]
+
+
+def _options(d, body):
+    shared = 0 in d.options()
+    found = []
+    for option, causes in d.options().items():
+        heading = ''
+        if d.verdict == 'equivalent':
+            chance = words.percent(min(c.probability for c in causes))
+            heading = 'In any case' if option == 0 else (
+                f'Option {len(found) + (0 if shared else 1)}, probability {chance}')
+        found.append(_Option(heading, tuple(_cause(cause, body) for cause in causes)))
+    return tuple(found)
+
+
+def _cause(cause, body):
+    chosen = [_chosen(key, value, body) for key, value in cause.applies_to.items()
+              if value not in ((), '')]
+    return _Cause(_capital(words.spoken(cause.term)), cause.spec.summary,
+                  f' ({", ".join(chosen)})' if chosen else '', cause.spec.equation,
+                  _parameter_grid(cause.shown()), f'Source: {cause.spec.source}.')
+
+
+def _chosen(key, value, body):
+    if key == 'actuators':   # indices into the bank, which has the order of the pads
+        value = [body.pads[i].name for i in value]
+    return f'{key} {value if isinstance(value, str) else ", ".join(map(str, value))}'
+
+
+def _parameter_grid(rows, note=''):
+    return Grid(PARAMETERS, tuple(
+        (Cell(words.spoken(name)), Cell(text), Cell(_typeset(words.amount('1', *values))),
+         Cell(_typeset(words.bounds('1', *values).removeprefix('90 % interval '))),
+         Cell('' if unit == '1' else unit))
+        for name, text, unit, *values in rows), note)
+
+
+def _recalibrated_grid(d):
+    infos = quantities(Material)
+    rows = [(name, infos[name].text, UNITS[infos[name].unit][1],
+             *(infos[name].to_edge(v) for v in (one.value, one.low, one.high)))
+            for name, one in d.recalibrated.items()]
+    return _parameter_grid(rows, 'Fitted whatever else was found; they are parameters of the '
+                                 'scene, not missing physics.')
+
+
+def _alternative_grid(d):
+    return Grid(ALTERNATIVES, tuple(
+        (Cell(' + '.join(words.spoken(term) for term in one.terms)), Cell(number(one.held_out, 1)),
+         Cell(words.why_not(one, d), '' if one.visible else 'open')) for one in d.alternatives), (
+        'Score: gain in the natural logarithm of the probability of what was held out, over the '
+        'recalibrated model without new physics; below zero it predicts worse.'))
+
+
+def _finding_grid(d):
+    return Grid(FINDINGS, tuple(
+        (Cell(one.stream), Cell(one.channel or 'all'), Cell(one.statement), Cell(number(one.z, 1)),
+         Cell(number(one.t_start)), Cell(number(one.t_end))) for one in d.findings), (
+        'What the streams say among themselves. Size: in standard deviations of its error and of '
+        'what a careful laboratory leaves uncalibrated, together.'))
+
+
+def _recording_grid(source):
+    return Grid(RECORDINGS, tuple(
+        (Cell(r.name), Cell(r.role), Cell(number(r.t_start)), Cell(number(r.t_end)))
+        for r in source.recordings))
+
+
+def _yaml(request):
+    if request is None or not request.moves:
+        return ''
+    stream, yaml = StringIO(), YAML(typ='safe')
+    yaml.sort_base_mapping_type_on_output = False
+    yaml.dump({'moves': [to_mapping(move) for move in request.moves]}, stream)
+    return stream.getvalue().rstrip()
+
+
+def _provenance(source):
+    pairs = (('Scene', source.scene), ('Seed', str(source.seed)), ('Commit', source.commit),
+             ('Machine', source.machine))
+    return tuple((name, text) for name, text in pairs if text)

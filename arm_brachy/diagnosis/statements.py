@@ -1,0 +1,152 @@
+"""The parts of an answer: where, when, what lost, how well it fits, what to record next."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from arm_brachy.core.errors import InputError
+from arm_brachy.core.quantity import UNITS as EDGE_UNITS
+from arm_brachy.diagnosis.stream import UNITS
+
+REGIMES = Literal['', 'rest', 'hold', 'load', 'unload', 'rate', 'amplitude', 'direction',
+                  'past_maximum']
+EDGE = {'m': 'mm', 'N': 'N'}   # unit of a stream -> unit in which people read it
+
+
+def edge_unit(stream):
+    """(unit as printed, its factor to SI) in which the errors of a kind of stream are shown."""
+    scale, printed = EDGE_UNITS[EDGE[UNITS[stream]]]
+    return printed, scale
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording that was used; t_start, t_end [s]: the stretch that every stream covers."""
+
+    name: str
+    role: Literal['fitted', 'held out', 'fitted, kinds held out in turn', 'null']
+    t_start: float
+    t_end: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """One place, given by exactly one of: stream, actuator (a pad), boundary, position alone.
+
+    channel : marker, tool or pad of the stream, '' = all
+    boundary : the region in words ('base', 'surface under pad_1'), with a position if it has one
+    position : (3,) [m] world frame, at rest;  radius : [m] of the 90 % region around it
+    term, option : of the cause that is there; '' = what is there is not known
+    """
+
+    stream: str = ''
+    channel: str = ''
+    actuator: str = ''
+    boundary: str = ''
+    position: tuple | None = None
+    radius: float | None = None
+    term: str = ''
+    option: int = 0
+
+    def __post_init__(self):
+        named = [n for n in ('stream', 'actuator', 'boundary') if getattr(self, n)]
+        if len(named) > 1 or not named and self.position is None:
+            raise InputError(f'place by {" and ".join(named) or "nothing"}; must be by one of '
+                             'stream, actuator, boundary or position')
+        if self.stream and self.stream not in UNITS:
+            raise InputError(f'place in stream {self.stream!r}; must be one of {", ".join(UNITS)}')
+        if (self.position is None) != (self.radius is None):
+            raise InputError('place with only one of position and radius; a position must have '
+                             'the radius of its 90 % region')
+        if self.position is not None and np.shape(self.position) != (3,):
+            raise InputError(f'place at {self.position}; must be three coordinates in m')
+
+
+@dataclass(frozen=True)
+class Interval:
+    """One stretch of time.
+
+    recording : its name;  t_start, t_end : [s];  onset : (low, high) [s] 90 % interval of a sudden
+        beginning, None = it does not begin suddenly
+    regime : in what it shows, '' = in no regime more than in others;  term : '' = not known
+    """
+
+    recording: str
+    t_start: float
+    t_end: float
+    regime: REGIMES = ''
+    onset: tuple | None = None
+    term: str = ''
+
+    def __post_init__(self):
+        if not self.t_start <= self.t_end:
+            raise InputError(f'interval {self.t_start:g} to {self.t_end:g} s; must not end before '
+                             'it begins')
+        if self.regime not in get_args(REGIMES):
+            raise InputError(f'regime {self.regime!r}; must be one of '
+                             f'{", ".join(filter(None, get_args(REGIMES)))}')
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """An explanation that was considered and lost.
+
+    terms : one, or those of a pair;  held_out : gain in the logarithm of the probability of what
+        was held out, over no new physics (natural logarithm)
+    visible : False if these recordings could not have shown it: it is not ruled out
+    why : why it lost; '' = by its score
+    """
+
+    terms: tuple
+    held_out: float
+    visible: bool = True
+    why: str = ''
+
+
+@dataclass(frozen=True)
+class StreamFit:
+    """Root mean square error per axis of one stream on what was held out, SI.
+
+    as_given : the scene as it came;  recalibrated : its parameters fitted, no new physics
+    named : with the causes that were found, None if none was
+    noise_floor : what a perfect model would leave;  held_out : in words ('pad_3, run_2')
+    """
+
+    stream: str
+    as_given: float
+    recalibrated: float
+    noise_floor: float
+    named: float | None = None
+    held_out: str = ''
+
+    def __post_init__(self):
+        if self.stream not in UNITS:
+            raise InputError(f'fit of stream {self.stream!r}; must be one of {", ".join(UNITS)}')
+
+    @property
+    def reached(self):
+        """Error with everything that was found."""
+        return self.recalibrated if self.named is None else self.named
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """The recording that would decide what is open.
+
+    moves : control.moves.Move in order;  record : streams that must be added ('force', ...)
+    splits : pairs of explanations (each a term, or 'a + b') that it tells apart
+    separation : the least, over those pairs, that it is expected to reach [sd]
+    instruction : what else is to be done first, one sentence
+    """
+
+    moves: tuple = ()
+    record: tuple = ()
+    splits: tuple = ()
+    separation: float | None = None
+    instruction: str = ''
+
+    def __post_init__(self):
+        if not (self.moves or self.record or self.instruction):
+            raise InputError('next experiment without moves, streams or an instruction; must ask '
+                             'for something')

@@ -1,0 +1,155 @@
+"""A recording as a bounded number of load states: every stream averaged around each of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.diagnosis.labels import Labels, free_labels, labels_of
+from arm_brachy.diagnosis.stream import ENCODER
+from arm_brachy.diagnosis.windows import free_windows, windows_of
+
+LIMIT = 150     # states: as many equilibria of a thesis-size mesh take some seconds
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """One stream at m load states. names, bodies : k;  rest : (k, c) of the scene
+
+    values : (m, k, c) SI, NaN where not seen;  variance : (m, k, c) of these means, infinite there
+    count : (m, k) samples averaged
+    """
+
+    names: tuple
+    bodies: tuple
+    rest: np.ndarray
+    values: np.ndarray
+    variance: np.ndarray
+    count: np.ndarray
+
+
+@dataclass(frozen=True)
+class LoadStates:
+    """What a quasi-static model is compared with, in order of time.
+
+    t : (m,) [s] centres by the encoders' clock;  width : (m,) [s] of the windows
+    q : (m, p) [m] pushes, all pads of the scene;  velocity : (m, p) [m/s]
+    streams : kind -> Averaged; optical positions in the world frame
+    correlation : kind -> (m, m) of the errors of two states of one channel
+    labels : Labels
+    path_t, path_q : (n,), (n, p) corners of the whole path and the states on it, in order: what
+        depends on the past is carried along it;  state : (m,) index of each state in the path
+    """
+
+    t: np.ndarray
+    width: np.ndarray
+    q: np.ndarray
+    velocity: np.ndarray
+    streams: dict
+    correlation: dict
+    labels: Labels
+    path_t: np.ndarray
+    path_q: np.ndarray
+    state: np.ndarray
+
+
+def load_states(prepared, late=None, limit=LIMIT):
+    """Reduce a recording to at most `limit` LoadStates.
+
+    prepared : prepared.Prepared;  late : kind -> [s] by which a stream's stamps are late
+    On ramps the value of a straight line at the middle of the window is taken, so that gaps do not
+    shift it in time; on stands the mean. Valid for motion that is straight within the tolerance of
+    prepared.motion inside every window, and for a body that follows without inertia.
+    Test: diagnosis/test_states.py
+    """
+    late, motion = late or {}, prepared.motion
+    if motion is None:
+        windows = free_windows(prepared.evidence, prepared.noise, limit)
+        q = np.zeros((len(windows), 0))
+        labels, velocity = free_labels(windows), q
+        path_t, path_q = np.array([w.centre for w in windows]), q
+        state = np.arange(len(windows))
+    else:
+        windows = windows_of(motion, limit)
+        q, velocity = _pushes(prepared, windows)
+        labels = labels_of(motion, windows, q)
+        path_t, path_q, state = _path(motion, windows, q)
+    t = np.array([w.centre for w in windows])
+    streams, correlation = {}, {}
+    for kind, stream in prepared.evidence.streams.items():
+        if kind != ENCODER:
+            part, noise = prepared.on(kind, *dict.fromkeys(stream.bodies))
+            streams[kind] = _averaged(part, noise, windows, late.get(kind, 0.0))
+            correlation[kind] = noise.between(t, streams[kind].count.max(axis=1))
+    width = np.array([w.stop - w.start for w in windows])
+    return LoadStates(t, width, q, velocity, streams, correlation, labels, path_t, path_q, state)
+
+
+def _pushes(prepared, windows):
+    """Pushes (m, p) and velocities (m, p) of all pads of the scene by their encoders."""
+    encoder, pads = prepared.evidence.get(ENCODER), prepared.evidence.pads
+    column = [pads.index(name) for name in encoder.names]
+    q, v = np.zeros((len(windows), len(pads))), np.zeros((len(windows), len(pads)))
+    part = _averaged(encoder, prepared.noise[ENCODER], windows, 0.0)
+    q[:, column] = part.values[:, :, 0]
+    ends = np.array([[w.start, w.stop] for w in windows])
+    moved = encoder.at(ends[:, 1])[..., 0] - encoder.at(ends[:, 0])[..., 0]
+    moves = np.array([w.moves for w in windows])
+    v[:, column] = np.where(moves[:, None], moved / np.diff(ends), 0.0)
+    return np.where(np.isfinite(q), q, 0.0), v
+
+
+def _path(motion, windows, q):
+    """Corners and states in one sequence; where they coincide the state stays."""
+    t = np.array([w.centre for w in windows])
+    apart = np.abs(motion.t[:, None] - t[None]).min(axis=1) > 1e-9
+    every = np.concatenate([motion.t[apart], t])
+    order = np.argsort(every, kind='stable')
+    path = np.concatenate([motion.q[apart], q])[order]
+    return every[order], path, np.flatnonzero(np.isin(order, np.arange(apart.sum(), len(every))))
+
+
+def _averaged(stream, noise, windows, late):
+    """Averaged of one stream over all windows; the first samples at or around each centre."""
+    m, (k, c) = len(windows), stream.values.shape[1:]
+    values, variance = np.full((m, k, c), np.nan), np.full((m, k, c), np.inf)
+    count = np.zeros((m, k), dtype=int)
+    for i, window in enumerate(windows):
+        rows = _rows(stream, window, late)
+        centre = window.centre + late
+        x, t, seen = stream.values[rows], stream.t[rows] - centre, stream.valid[rows]
+        n = seen.sum(axis=0)
+        some = n > 0
+        weight = seen / np.maximum(n, 1)
+        mean = np.einsum('nk,nkc->kc', weight, np.where(seen[..., None], x, 0.0))
+        factor = noise.colour.mean_variance(n, noise.period)
+        if window.moves:
+            mean, more = _at_centre(x, t, seen, weight, mean)
+            factor = factor * more
+        values[i, some] = mean[some]
+        variance[i, some] = (factor[:, None] * noise.sd ** 2)[some]
+        count[i] = n
+    return Averaged(stream.names, stream.bodies, stream.rest, values, variance, count)
+
+
+def _rows(stream, window, late):
+    """Samples inside a window; of one shorter than two samples, the nearest one."""
+    start = int(np.searchsorted(stream.t, window.start + late - 1e-9))
+    stop = int(np.searchsorted(stream.t, window.stop + late + 1e-9))
+    if stop - start >= 1:
+        return slice(start, stop)
+    nearest = int(np.argmin(np.abs(stream.t - window.centre - late)))
+    near = abs(stream.t[nearest] - window.centre - late) <= stream.period
+    return slice(nearest, nearest + 1) if near else slice(0, 0)
+
+
+def _at_centre(x, t, seen, weight, mean):
+    """Straight lines through the samples of a ramp at t = 0, and what that costs in variance."""
+    middle = weight.T @ t
+    spread = np.where(seen, t[:, None] - middle, 0.0)
+    power = np.sum(spread ** 2, axis=0)
+    slope = np.einsum('nk,nkc->kc', spread, np.where(seen[..., None], x, 0.0))
+    known = power > 0.0
+    safe = np.where(known, power, 1.0)
+    slope = np.where(known[:, None], slope / safe[:, None], 0.0)
+    n = seen.sum(axis=0)
+    return mean - slope * middle[:, None], 1.0 + np.where(known, n * middle ** 2 / safe, 0.0)

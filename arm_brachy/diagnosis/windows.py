@@ -1,0 +1,134 @@
+"""Where to look: a bounded number of short windows over stands and ramps of a recording."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.diagnosis.stream import EM, OPTICAL
+
+SETTLED = 0.03      # s after the end of a motion, clocks differ by as much
+FIRST = 0.15        # s, length of the first part of a stand; each later one is twice as long
+LONGEST = 0.6       # s of a window on a stand: what relaxes within it bends less than it settles
+SHORTEST = 0.04     # s of a ramp
+CRUISE = 0.3        # of the longest straight piece of a ramp: shorter ones are its acceleration
+FINEST = (8, 4)     # windows per stand and per ramp, at most
+LEVELS = (FINEST, (5, 3), (3, 2), (2, 1), (1, 1))
+RESOLVED = 0.25     # of the largest travel, from window to window of a ramp
+COVERED = 0.1       # of the largest travel, by one: the answer to a push bends with the push
+LOUD = 6.0          # standard deviations of noise that make a body without pads move
+APART = 0.05        # s over which its motion is looked at
+
+
+@dataclass(frozen=True)
+class Window:
+    """start, stop : [s];  moves : True on a ramp;  phase : number of the stand or ramp it is of"""
+
+    start: float
+    stop: float
+    moves: bool
+    phase: int
+
+    @property
+    def centre(self):
+        """[s]"""
+        return 0.5 * (self.start + self.stop)
+
+
+def windows_of(motion, limit):
+    """At most `limit` Windows over the stands and ramps of a Motion, in order of time.
+
+    A stand is seen early and late, in parts that double in length, so that what relaxes is
+    resolved and what stands is averaged; a ramp on its straight pieces, at most a quarter of the
+    largest travel apart. Where there are too many, all become coarser together,
+    then some are left out, evenly.
+    """
+    phases = motion.phases()
+    for level in LEVELS:
+        found = [w for i, phase in enumerate(phases) for w in _cut(motion, phase, i, level)]
+        if len(found) <= limit:
+            return tuple(found)
+    keep = np.unique(np.linspace(0, len(found) - 1, limit).round().astype(int))
+    return tuple(found[i] for i in keep)
+
+
+def _cut(motion, phase, index, level):
+    first, stop = phase
+    start, end = float(motion.t[first]), float(motion.t[stop])
+    if not motion.still[first]:
+        return _ramp(motion, first, stop, index, level[1])
+    if first > 0:
+        return _stand(start + SETTLED, end, index, level[0])
+    return [Window(start, end, False, index)]   # before the first push nothing settles
+
+
+def _stand(start, end, index, most):
+    if end - start < FIRST / 2.0:
+        return []
+    number = int(np.clip(np.floor(np.log2(1.0 + (end - start) / FIRST)), 1, most))
+    if number == 1:
+        return [Window(float(max(start, end - LONGEST)), end, False, index)]
+    edges = start + FIRST * (2.0 ** np.arange(number + 1) - 1.0)
+    edges[-1] = end
+    out = [_within(a, b, LONGEST, False, index)
+           for a, b in zip(edges[:-2], edges[1:-1], strict=True)]
+    return [*out, Window(float(max(edges[-2], end - LONGEST)), end, False, index)]
+
+
+def _within(start, end, longest, moves, index):
+    """The middle of [start, end], at most `longest` [s]."""
+    centre, half = 0.5 * (start + end), 0.5 * min(end - start, longest)
+    return Window(float(centre - half), float(centre + half), moves, index)
+
+
+def _ramp(motion, first, stop, index, most):
+    lasts = np.diff(motion.t[first:stop + 1])
+    chosen = [i for i in range(first, stop) if lasts[i - first] >= max(
+        SHORTEST, CRUISE * lasts.max())]
+    if most == 1 and chosen:
+        chosen = [first + int(np.argmax(lasts))]
+    out = []
+    for i in chosen:
+        way = float(np.abs(motion.q[i + 1] - motion.q[i]).max())
+        full = float(np.ptp(motion.q, axis=0).max())
+        number = int(np.clip(np.ceil(way / (RESOLVED * full)), 1, most))
+        edges = np.linspace(motion.t[i], motion.t[i + 1], number + 1)
+        longest = max(COVERED * full / way * lasts[i - first], SHORTEST)
+        out += [_within(a, b, longest, True, index)
+                for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return out
+
+
+def free_windows(evidence, noise, limit):
+    """At most `limit` Windows of a body without pads: single samples where it moves, stands else.
+
+    evidence : Evidence;  noise : kind -> noise.Noise
+    """
+    stream = evidence.get(OPTICAL) or evidence.get(EM)
+    moves = _moves(stream, noise[stream.kind])
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(moves.astype(int))) + 1, [len(moves)]])
+    stands = [(i, int(a), int(b)) for i, (a, b) in enumerate(
+        zip(edges[:-1], edges[1:], strict=True)) if not moves[a] and b - a > 1]
+    found = [w for i, a, b in stands
+             for w in _stand(float(stream.t[a]), float(stream.t[b - 1]), i, 3)]
+    rows = np.flatnonzero(moves)
+    room = max(limit - len(found), 1)
+    if len(rows):
+        chosen = rows[np.unique(np.linspace(0, len(rows) - 1, room).round().astype(int))]
+        piece = np.searchsorted(edges, chosen, side='right') - 1
+        found += [Window(float(stream.t[r]), float(stream.t[r]), True, int(p))
+                  for r, p in zip(chosen, piece, strict=True)]
+    return tuple(sorted(found, key=lambda w: w.start)[:limit])
+
+
+def _moves(stream, noise):
+    """(n,) True where any channel departs from where it was shortly before or after."""
+    h = max(int(round(APART / stream.period)), 1)
+    out = np.zeros(len(stream.t), dtype=bool)
+    steps = np.abs(stream.values[h:] - stream.values[:-h]) / noise.sd
+    far = (np.nan_to_num(steps) > LOUD * np.sqrt(2.0)).any(axis=(1, 2))
+    out[h:] |= far
+    out[:-h] |= far
+    gaps = np.flatnonzero(np.diff(np.concatenate([[1], out.astype(int), [1]])))
+    for a, b in zip(gaps[::2], gaps[1::2], strict=True):   # turning points are no stands
+        out[a:b] |= b - a < 4 * h
+    return out

@@ -1,0 +1,129 @@
+"""Tangent responses of every term against full nonlinear runs of the plant's equations."""
+
+import numpy as np
+import pytest
+
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.devices.terms.actuator_gain import ActuatorGain
+from arm_brachy.devices.terms.actuator_lag import ActuatorLag
+from arm_brachy.devices.terms.backlash import Backlash
+from arm_brachy.devices.terms.optical_scale import OpticalScale
+from arm_brachy.diagnosis.baseline import Baseline
+from arm_brachy.diagnosis.forward import ForwardModel
+from arm_brachy.diagnosis.hypothesis import hypothesis
+from arm_brachy.diagnosis.responses import respond
+from arm_brachy.registry import TERMS, by_name
+from arm_brachy.tissue.terms.gravity import Gravity
+from arm_brachy.tissue.terms.stiffness_gradient import StiffnessGradient
+from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
+
+STATES = np.array([2.5, 7.4, 9.0])
+ACCURACY = 0.05
+PLACES = {
+    'external_force': {'centre': (0.03, 0.03, 0.044), 'onset': 2.0, 'duration': 6.0},
+    'inclusion': {'centre': (0.02, 0.01, 0.03), 'radius': 0.012},
+    'reference_shape': {'bump_centre': (0.03, 0.03, 0.044)},
+    'marker_slip': {'marker': 'tissue_3', 'onset': 5.0},
+    'lost_steps': {'onset': 5.0, 'actuators': (0,)},
+    'pad_misplacement': {'pads': ('pad_1',)},
+    'actuator_gain': {'actuators': (0,)},
+    'breathing': {'frequency': 0.25, 'phase': 0.3},
+}
+RUN_IN_FULL = {'base_compliance', 'base_debond', 'obstacle', 'pad_slip'}
+SILENT = {'damping', 'actuator_lag'}    # no inertia here; before the encoders
+FORWARD = [t for t in TERMS if t.spec.name not in RUN_IN_FULL | SILENT]
+
+
+@pytest.fixture(scope='module')
+def baseline(quadratic, encoder):
+    return Baseline(ForwardModel(quadratic), encoder, STATES)
+
+
+def difference(baseline, terms, amplitude):
+    """Change of all streams by full runs, per amplitude; and the values without."""
+    model = ForwardModel(baseline.model.specimen, (*baseline.model.terms, *terms))
+    new = model.predict(baseline.encoder, baseline.t)
+    assert new.valid.all()
+    return {kind: (new.get(kind) - old) / amplitude for kind, old in baseline.shown.items()}
+
+
+def error(found, expected):
+    """Largest relative error of any stream that the effect reaches."""
+    noise = {'optical': 1e-7, 'em': 1e-7, 'force': 1e-4}    # left by the solver's tolerance
+    return max((np.linalg.norm(found[kind] - e) / np.linalg.norm(e)
+                for kind, e in expected.items() if np.linalg.norm(e) > 100.0 * noise[kind]))
+
+
+@pytest.mark.parametrize('cls', FORWARD, ids=lambda cls: cls.spec.name)
+def test_responses_are_those_of_full_runs(baseline, cls):
+    one = hypothesis(cls, **PLACES.get(cls.spec.name, {}))
+    response = respond(baseline, one)
+    assert not response.exact
+    # play and steps act whole or not at all; they move the pads alone, which is near linear
+    amplitude = 1.0 if cls in (Backlash,) else 0.02
+    for k in range(len(one.strengths)):
+        expected = difference(baseline, (one.alone(k, amplitude),), amplitude)
+        found = {kind: values[..., k] for kind, values in response.values.items()}
+        assert error(found, expected) < ACCURACY, one.strengths[k].label
+
+
+@pytest.mark.parametrize('name', sorted(RUN_IN_FULL - {'pad_slip', 'base_debond'}))
+def test_what_changes_the_supports_is_run_in_full(baseline, name):
+    one = hypothesis(by_name(name), **({'centre': (-0.04, 0.04, 0.03)} if name == 'obstacle'
+                                       else {}))
+    response = respond(baseline, one)
+    assert response.exact
+    expected = difference(baseline, (one.alone(0, 1.0),), 1.0)
+    assert np.abs(expected['force']).max() > 1e-3
+    assert np.allclose(response.values['force'][..., 0], expected['force'], atol=1e-6)
+
+
+def test_no_inertia_no_answer_to_damping(baseline):
+    response = respond(baseline, hypothesis(by_name('damping')))
+    assert np.abs(response.values['force']).max() < 1e-9
+
+
+def test_what_acts_before_the_encoders_is_refused(baseline):
+    with pytest.raises(ConfigError, match='before the encoders'):
+        respond(baseline, hypothesis(ActuatorLag))
+
+
+def test_answers_hold_beside_terms_that_the_model_has(linear, encoder):
+    known = (Gravity(added=(0.0, 0.0, -9.81)), Viscoelasticity(g1=0.3, tau1=2.0),
+             OpticalScale(scale=0.01))
+    baseline = Baseline(ForwardModel(linear, known), encoder, STATES[:2])
+    one = hypothesis(StiffnessGradient)
+    response = respond(baseline, one)
+    expected = difference(baseline, (one.alone(0, 0.02),), 0.02)
+    found = {kind: values[..., 0] for kind, values in response.values.items()}
+    # what the gradient would have done to the remembered stress meanwhile is left out
+    assert error(found, expected) < 0.1
+
+
+def test_a_transmission_beside_memory_is_run_in_full(linear, encoder):
+    baseline = Baseline(ForwardModel(linear, (Viscoelasticity(g1=0.3, tau1=2.0),)), encoder,
+                        STATES[:2])
+    assert respond(baseline, hypothesis(ActuatorGain, ('gain',))).exact
+
+
+def test_sensitivity_to_nodal_forces_is_that_of_a_dead_load(baseline):
+    node = int(np.argmax(baseline.model.body.mesh.nodes[:, 2]))
+    force = np.zeros(baseline.model.body.mesh.nodes.shape)
+    force[node] = (0.01, 0.0, -0.02)
+    change = baseline.sensitivity(0).change(np.zeros_like(force), -force)
+    solution = baseline.solver.solve_held(
+        baseline.x(0), baseline.solver.held_positions(baseline.pads(0)),
+        _loaded(baseline.fields[0], force))
+    moved = baseline.model.attached.points(solution.x, baseline.pads(0), np.zeros(3))
+    k = len(baseline.model.specimen.markers)
+    expected = moved[:k] - baseline.truth[0]['optical']
+    found = baseline.split(change)['optical']
+    tissue = baseline.model.attached.inside[:k]
+    assert np.linalg.norm((found - expected)[tissue]) < 0.03 * np.linalg.norm(expected[tissue])
+
+
+def _loaded(fields, force):
+    fields.nodal_force = fields.nodal_force + force
+    return fields
+
+
