@@ -18,7 +18,7 @@ NUMERICAL = {
 # Of these, each may import all numerical parts and whatever stands before it.
 COMPOSITION = (
     'scenario', 'provenance', 'graph', 'cell', 'offline', 'inprocess_log', 'inprocess',
-    'evaluate', 'launcher', 'experiments', 'cli',
+    'diagnosis', 'evaluate', 'launcher', 'experiments', 'cli',
 )
 ALLOWED = {
     '__init__': set(),

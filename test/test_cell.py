@@ -9,6 +9,8 @@ from arm_brachy.cell import Body
 from arm_brachy.control.tissue_model import TissueModel
 from arm_brachy.core.paths import share_dir
 from arm_brachy.core.scene import load_scene
+from arm_brachy.tissue.terms.breathing import Breathing
+from arm_brachy.tissue.terms.pad_misplacement import PadMisplacement
 from arm_brachy.tissue.terms.reference_shape import ReferenceShape
 
 TALLER = ReferenceShape(height=0.03)
@@ -49,3 +51,51 @@ def test_model_and_plant_of_one_shape_agree_on_targets(scene):
     for target in scene.targets:
         np.testing.assert_allclose(model.rest(target.name), points[names.index(target.name)],
                                    rtol=0.0, atol=1e-8)
+
+
+def test_a_misplaced_pad_takes_its_marker_along_and_leaves_the_tissue(scene):
+    moved = PadMisplacement(up=1e-3, side=2e-3, pads=('pad_1',))
+    (names, plain), (_, after) = rest_points(scene), rest_points(scene, moved)
+    for name, here, there in zip(names, plain, after, strict=True):
+        if name == 'pad_1':  # on +x, pushing along -x: up is z, side is y
+            np.testing.assert_allclose((there - here)[1:], [2e-3, 1e-3], atol=1e-12)
+            assert abs(there[0] - here[0]) < 1e-3  # along the slope of the surface
+        else:
+            np.testing.assert_allclose(there, here, rtol=0.0, atol=1e-9, err_msg=name)
+
+
+def test_a_tilted_pad_is_pushed_along_its_own_direction(scene):
+    body = Body(scene, (PadMisplacement(tilt_up=0.1, pads=('pad_1',)),))
+    start, pushed = body.step(0.0, np.zeros(4)), body.step(1.0, np.array([2e-3, 0.0, 0.0, 0.0]))
+    way = 2e-3 * np.array([-np.cos(0.1), 0.0, np.sin(0.1)])
+    np.testing.assert_allclose(pushed.pad_displacement[0], way, atol=1e-12)
+    at = start.names.index('pad_1')
+    np.testing.assert_allclose(pushed.points[at] - start.points[at], way, atol=1e-12)
+
+
+def test_model_and_plant_of_a_misplaced_pad_agree_on_targets(scene):
+    terms = (PadMisplacement(up=2e-3, tilt_side=0.05, pads=('pad_2',)),)
+    model, body, q = TissueModel(scene, terms), Body(scene, terms), np.array([0.0, 3e-3, 0.0, 0.0])
+    body.step(0.0, np.zeros(4))
+    reading = body.step(1.0, q)
+    for target in scene.targets:
+        np.testing.assert_allclose(model.evaluate(q, target.name).position,
+                                   reading.points[reading.names.index(target.name)],
+                                   rtol=0.0, atol=1e-7)
+
+
+def test_base_markers_breathe_and_pad_markers_do_not(scene):
+    breath = Breathing(amplitude=2e-3, frequency=0.25, direction=(0.0, 1.0, 0.0))
+    body = Body(scene, (breath,))
+    carriers = {m.name: m.body for m in scene.markers}
+    start = body.step(0.0, np.zeros(4))
+    crest = body.step(1.0, np.zeros(4))
+    assert crest.outcome.ok
+    way = dict(zip(crest.names, crest.points - start.points, strict=True))
+    for name, carrier in carriers.items():
+        if carrier == 'base':
+            np.testing.assert_allclose(way[name], [0.0, 2e-3, 0.0], atol=1e-12)
+        elif carrier != 'tissue':
+            np.testing.assert_array_equal(way[name], np.zeros(3))
+    low = [way[m.name][1] for m in scene.markers if m.body == 'tissue' and m.position[2] < 0.015]
+    assert 0.0 < np.mean(low) < 2e-3  # held by the pads, drawn along by the base

@@ -1,4 +1,7 @@
-"""A model's states in a recording and how every observable there answers to forces and motions."""
+"""A model's states in a recording and how every observable there answers to forces and motions.
+
+Test: diagnosis/forward/test_responses.py
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,8 +17,8 @@ from arm_brachy.tissue.jacobian import Linearisation, pad_translations
 from arm_brachy.tissue.newton import StaticSolver
 from arm_brachy.tissue.sensitivity import moduli_derivative
 
-NEAR = 5e-5     # m: states whose pads are closer share a factor; what they differ by counts
-                # to second order, NEAR^2 over the size of a pad, 0.2 um
+NEAR = 3e-4     # m: states whose pads are closer share a factor. Positions and forces stay their
+                # own; answers err by NEAR over the radius of a pad, 1.5 %
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class Baseline:
         in it;  path : transmission.Path of the pads;  forces : (n, nodes, 3) [N]
     truth : n dicts kind -> (c, 3), before the sensors and their clocks
     fields : n StepFields;  group : (n,) into `sensitivities`
-    restructures : term class -> bool, what `responses` found out about it
+    restructures : term class -> bool, condensed : interface.Condensed; filled when first wanted
     Raises InputError for instants out of order, ConfigError for touching pads, NotConverged at a
     state that is not found
     or not stable. Linear answers of a model with memory leave out what the change would have
@@ -71,7 +74,7 @@ class Baseline:
         self._refuse_lost()
         self.at = np.searchsorted(self.trajectory.t, self.t)
         self.truth = [model.truth(self.trajectory, i) for i in self.at]
-        self.restructures = {}
+        self.restructures, self.condensed = {}, None
         self.solver = StaticSolver(model.body)
         self.fields = self._fields()
         self.forces = np.stack([self.solver.assembler.forces(self.x(i), fields)

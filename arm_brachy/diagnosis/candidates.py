@@ -1,4 +1,7 @@
-"""Where, when and how a term may act: its hypotheses, a bounded number of each."""
+"""Where, when and how a term may act: its hypotheses, a bounded number of each.
+
+Test: diagnosis/forward/test_candidates.py
+"""
 
 import dataclasses
 from dataclasses import dataclass

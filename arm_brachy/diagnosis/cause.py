@@ -1,6 +1,7 @@
 """A named cause: a term of the registry with its parameters and how sure they are."""
 
 import dataclasses
+import re
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -14,7 +15,10 @@ from arm_brachy.core.term import Kind, Stage, TermSpec
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted value with its 90 % interval, SI; all three floats, or all three (3,)."""
+    """A fitted value with its 90 % interval, SI; all three floats, or all three (3,).
+
+    An end that is not known is infinite.
+    """
 
     value: float | tuple
     low: float | tuple
@@ -83,6 +87,12 @@ class Cause:
     def spec(self):
         """TermSpec: what it is, its equation, its source."""
         return self.declared.spec
+
+    @property
+    def symbols(self):
+        """What the symbols of the equation mean, as the term documents it; '' if it does not."""
+        found = re.search(r'Symbols: (.+?)\.\s', self.declared.__doc__ or '', re.DOTALL)
+        return '' if found is None else ' '.join(found[1].replace('`', '').split())
 
     @property
     def physical(self):

@@ -48,7 +48,7 @@ def step_scan(t, y, valid, colour, sd, nuisance=None, *, least=LEAST):
     nuisance : (n, p) columns fitted beside it; a constant is always among them
     least : valid samples that must lie on either side
     Returns Step, whatever its `chance`, or None if the series is too short.
-    Test: diagnosis/test_changes.py
+    Test: diagnosis/structural/test_changes.py
     """
     t, y, valid = np.asarray(t), np.asarray(y, dtype=float), np.asarray(valid)
     if valid.sum() <= 2 * least:

@@ -36,7 +36,7 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     memory : let the stream remember (forces, tissue); False for what is rigid
     The standard error is the larger of what the noise gives and of the block estimate over 1 s,
     which sees what the regressors do not explain. Valid for delays below half the shortest ramp.
-    Test: diagnosis/test_clocks.py
+    Test: diagnosis/structural/test_clocks.py
     """
     inside = (stream.t >= travel[0][0]) & (stream.t <= travel[0][-1])
     t, valid = stream.t[inside], stream.valid[inside]

@@ -107,9 +107,10 @@ def variogram(values, valid, lags, stretches, *, robust=False):
     robust : from the median instead of the mean, for data with steps and outliers
     Returns (m, k) and the number of pairs (m, k); NaN where there are none.
     """
-    seen = np.where(valid, values, np.nan)
-    parts = [seen[s.start:s.stop] if s.settled else _flattened(seen[s.start:s.stop])
-             for s in stretches]
+    parts = []
+    for s in stretches:
+        seen = np.where(valid[s.start:s.stop], values[s.start:s.stop], np.nan)
+        parts.append(seen if s.settled else _flattened(seen))
     found = np.full((len(lags), values.shape[1]), np.nan)
     pairs = np.zeros(found.shape, dtype=int)
     for j, lag in enumerate(lags):

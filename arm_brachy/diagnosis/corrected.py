@@ -13,8 +13,8 @@ from arm_brachy.core.config import to_mapping
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.quantity import UNITS, quantities
 from arm_brachy.core.scene import Material
-from arm_brachy.diagnosis import words
-from arm_brachy.scenario import Overlay, Scenario, load_cell
+from arm_brachy.diagnosis import wording
+from arm_brachy.scenario import Scenario, load_cell
 
 WIDTH = 99
 
@@ -95,23 +95,35 @@ def _relative(scenario, folder):
 def _commented(scenario, causes, diagnosis):
     """The departures from the defaults, each found value with its interval behind it."""
     default = to_mapping(Scenario(name='', seed=-1, scene=''))
-    out = CommentedMap({key: value for key, value in to_mapping(scenario).items()
-                        if value != default[key]})
+    out = CommentedMap(_departures(to_mapping(scenario), default))
     comments = {cause.term: cause for cause in causes}
     for side in ('model', 'plant'):
-        overlay = out[side] = CommentedMap({key: value for key, value in out[side].items()
-                                            if value not in (None, [])})
+        overlay = out[side] = CommentedMap(out[side])
         for name, one in diagnosis.recalibrated.items():
             _remark(overlay, Material, name, one)
-        overlay['terms'] = CommentedSeq(_entry(entry, comments.get(entry['name']))
-                                        for entry in overlay.get('terms', ()))
+        if 'terms' in overlay:
+            overlay['terms'] = CommentedSeq(_entry(entry, comments.get(entry['name']))
+                                            for entry in overlay['terms'])
+    return out
+
+
+def _departures(given, default):
+    """What differs from the default, section by section."""
+    out = {}
+    for key, value in given.items():
+        usual = default.get(key)
+        if isinstance(value, dict) and isinstance(usual, dict):
+            if changed := _departures(value, usual):
+                out[key] = changed
+        elif value != usual:
+            out[key] = value
     return out
 
 
 def _entry(entry, cause):
     out = CommentedMap({key: _row(value) for key, value in entry.items()})
     if cause is not None:
-        out.yaml_add_eol_comment(f'probability {words.percent(cause.probability)}', 'name')
+        out.yaml_add_eol_comment(f'probability {wording.percent(cause.probability)}', 'name')
         for name, one in cause.parameters.items():
             _remark(out, cause.declared, name, one)
     return out
@@ -129,15 +141,20 @@ def _row(value):
 def _remark(mapping, declared, name, one):
     info = quantities(declared)[name]
     shown = (info.to_edge(v) for v in (one.value, one.low, one.high))
-    mapping.yaml_add_eol_comment(words.bounds(UNITS[info.unit][1], *shown), info.key(name))
+    mapping.yaml_add_eol_comment(wording.bounds(UNITS[info.unit][1], *shown), info.key(name))
 
 
 def _head(diagnosis):
     source = diagnosis.provenance
     used = ', '.join(r.name for r in source.recordings)
-    lines = [diagnosis.sentence, f'Found by arm-brachy diagnose in {used}; seed {source.seed}, '
+    lines = [diagnosis.sentence]
+    if diagnosis.verdict == 'equivalent':
+        chosen = wording.listed([wording.spoken(cause.term) for cause in diagnosis.likeliest()])
+        lines.append(f'Written for the most probable: {chosen}.')
+    lines += [f'Found by arm-brachy diagnose in {used}; seed {source.seed}, '
              f'commit {source.commit}.']
-    return ''.join(f'# {part}\n' for line in lines for part in textwrap.wrap(line, WIDTH - 2)) + '\n'
+    wrapped = (part for line in lines for part in textwrap.wrap(line, WIDTH - 2))
+    return ''.join(f'# {part}\n' for part in wrapped) + '\n'
 
 
 def _yaml():

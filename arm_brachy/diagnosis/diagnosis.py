@@ -12,7 +12,6 @@ from arm_brachy.core.errors import InputError
 from arm_brachy.core.quantity import UNITS, quantities
 from arm_brachy.core.scene import Material
 from arm_brachy.diagnosis import words
-from arm_brachy.diagnosis.cause import Cause
 from arm_brachy.diagnosis.statements import edge_unit
 
 VERDICTS = ('named', 'nothing_missing', 'equivalent', 'unexplained')
@@ -49,6 +48,7 @@ class Diagnosis:
     next_experiment : statements.NextExperiment or None
     recalibrated : 'E', 'nu' -> cause.Estimate [Pa, 1], fitted whatever else was found
     scene : path of the corrected scenario, None if none was written
+    held_out : gain on what was held out of what is named, as an Alternative's; None = not scored
     chance : that noise alone leaves as much as is left, by structured tests; None = not tested
     apart : separation of what is named from the nearest rival [sd];  None = no rival
     findings : finding.Finding, what needs no tissue model;  notes : sentences
@@ -66,6 +66,7 @@ class Diagnosis:
     next_experiment: object = None
     recalibrated: dict = field(default_factory=dict)
     scene: str | None = None
+    held_out: float | None = None
     chance: float | None = None
     apart: float | None = None
     findings: tuple = ()
@@ -137,6 +138,7 @@ def _body(d):
         'next_experiment': None if d.next_experiment is None else _next(d.next_experiment),
         'scene': d.scene,
         'recalibrated': _estimates(Material, d.recalibrated),
+        'held_out_score': d.held_out,
         'chance_of_what_is_left': d.chance,
         'separation_sd': d.apart,
         'findings': [_finding(one) for one in d.findings],

@@ -78,7 +78,7 @@ def event_findings(prepared, events, pad_travels, follows):
     steps if the rest of the body follows, a slipped marker if it does not, either if nothing
     tells. A marker alone: it slipped. Several tissue markers, or a force with them: something
     touched the body.
-    Test: diagnosis/test_events.py
+    Test: diagnosis/structural/test_events.py
     """
     frames = {one.marker: one.frame for one in pad_travels}
     return tuple(_judge(prepared, event, frames, follows) for event in events)

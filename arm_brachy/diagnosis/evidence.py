@@ -78,7 +78,7 @@ def evidence_of(run, scene, *, samples=SAMPLES):
     hardly ever seen, are left out with a note.
     Raises RecordingError if nothing can be made of it: actuators, markers or shape of another
     scene, units wrong, streams that do not overlap in time, nothing moved.
-    Test: diagnosis/test_evidence.py
+    Test: diagnosis/structural/test_evidence.py
     """
     notes = []
     base = _base_force(run)

@@ -6,7 +6,7 @@ import numpy as np
 
 from arm_brachy.cell import pad_directions
 from arm_brachy.core.errors import InputError
-from arm_brachy.diagnosis import words
+from arm_brachy.diagnosis import wording, words
 from arm_brachy.diagnosis.statements import edge_unit
 from arm_brachy.diagnosis.stream import OPTICAL
 from arm_brachy.evaluation.body_place import Body, Spot, body_place
@@ -43,7 +43,7 @@ class Trace:
 
 
 def body_of(scene, mesh):
-    """The Body that is drawn: a core.scene.Scene and its TetMesh (tissue.build.load_scene_mesh)."""
+    """The Body that is drawn, of a core.scene.Scene and its tissue.body.TetMesh."""
     pads = tuple(PadMark(pad.name, np.array(pad.centre), direction)
                  for pad, direction in zip(scene.pads, pad_directions(scene), strict=True))
     return Body(mesh.nodes, mesh.tets, pads, {m.name: np.array(m.position)
@@ -62,7 +62,7 @@ def where_plate(d, body):
 
 
 def _spot(d, place):
-    label = words.spoken(place.term) if place.term else 'unexplained'
+    label = wording.spoken(place.term) if place.term else 'unexplained'
     return Spot(np.asarray(place.position), place.radius, label,
                 sure=d.verdict == 'named' and bool(place.term))
 
@@ -74,7 +74,7 @@ def _where_caption(spots, pads, markers):
         dashed = ' (dashed: not certain what is there)' if not all(s.sure for s in spots) else ''
         parts.append(f'Circles: 90 % regions of the place{dashed}, drawn through the surface.')
     if pads or markers:
-        parts.append(f'In orange: {words.listed(sorted([*pads, *markers]))}.')
+        parts.append(f'In orange: {wording.listed(sorted([*pads, *markers]))}.')
     return ' '.join(parts)
 
 
@@ -133,7 +133,7 @@ def _mark(axis, intervals, *, named):
         if named and (label := one.term or one.regime):
             left, right = axis.get_xlim()
             late = one.t_start > 0.5 * (left + right)
-            axis.text(one.t_end if late else one.t_start, 0.97, f' {words.spoken(label)} ',
+            axis.text(one.t_end if late else one.t_start, 0.97, f' {wording.spoken(label)} ',
                       fontsize=7.5, va='top', ha='right' if late else 'left', color=GOAL,
                       transform=axis.get_xaxis_transform())
 
@@ -168,7 +168,7 @@ def fit_plate(d):
         values = [value / scale for _, value, _ in bars]
         drawn = axis.barh([name for name, _, _ in bars], values, color=[c for _, _, c in bars],
                           height=0.62)
-        texts = words.figures((*values, one.noise_floor / scale))
+        texts = wording.figures((*values, one.noise_floor / scale))
         axis.bar_label(drawn, texts[:-1], padding=4, fontsize=8.5)
         axis.axvline(one.noise_floor / scale, color=BAND, lw=1.6)
         axis.invert_yaxis()
@@ -180,7 +180,7 @@ def fit_plate(d):
         axis.tick_params(axis='y', length=0, colors=INK)
     for axis in axes[1:]:
         axis.set_yticklabels([])
-    held_out = words.listed(dict.fromkeys(one.held_out for one in d.fit if one.held_out) or [''])
+    held_out = wording.listed(dict.fromkeys(one.held_out for one in d.fit if one.held_out) or [''])
     return Plate('fit', figure, (
         'Root mean square error per axis on what was not used for the fit'
         + (f' ({held_out})' if held_out else '') + '. Green: what a perfect model would leave.'))

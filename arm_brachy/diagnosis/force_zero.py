@@ -18,7 +18,7 @@ def force_findings(prepared, jumps=()):
     jumps : times [s] of sudden events, after which the force at rest may be another
     What the tissue remembers of earlier pushes is fitted beside it (exponential memories), so that
     recovery is no drift.
-    Test: diagnosis/test_force_zero.py
+    Test: diagnosis/structural/test_force_zero.py
     """
     force = prepared.evidence.get(FORCE)
     if force is None or prepared.motion is None:

@@ -1,4 +1,7 @@
-"""What a model says of a recording at given instants: encoders in, every measured stream out."""
+"""What a model says of a recording at given instants: encoders in, every measured stream out.
+
+Test: diagnosis/forward/test_forward.py
+"""
 
 from dataclasses import dataclass
 

@@ -6,6 +6,7 @@ any stiffness does, and keeps steps, delays, reversals and drifts.
 """
 
 import numpy as np
+from numba import njit
 from scipy.signal import lfilter
 
 MEMORIES = (0.1, 0.4, 1.6, 6.4)   # s; a factor of four apart: any in between is nearly a mixture
@@ -69,11 +70,16 @@ def play(q, width):
     Starts after a retraction, y = q. The play operator: Visintin 1994, Differential Models of
     Hysteresis.
     """
-    out, y = [], float(q[0])
-    for u in q.tolist():
-        y = min(max(y, u - width), u)
-        out.append(y)
-    return np.array(out)
+    return _play(np.ascontiguousarray(q, dtype=float), float(width))
+
+
+@njit(cache=True)
+def _play(q, width):
+    out, y = np.empty_like(q), q[0]
+    for i in range(len(q)):
+        y = min(max(y, q[i] - width), q[i])
+        out[i] = y
+    return out
 
 
 def slope(t, tt, q, reach):

@@ -1,4 +1,7 @@
-"""A hypothesis: one term of the registry somewhere, with the strengths that scale its effect."""
+"""A hypothesis: one term of the registry somewhere, with the strengths that scale its effect.
+
+Test: diagnosis/forward/test_candidates.py
+"""
 
 import dataclasses
 from dataclasses import dataclass, field
@@ -16,6 +19,7 @@ class Strength:
 
     name : field of the term;  component : of a vector, or None;  neutral, typical : SI
     high : SI, what stands for an infinite `neutral`
+    spread : standard deviation of the prior, in typical sizes; 1 where it is lognormal
     """
 
     name: str
@@ -23,6 +27,7 @@ class Strength:
     neutral: float
     typical: float
     high: float
+    spread: float = 1.0
 
     def value(self, amplitude):
         """The parameter (SI) at an amplitude: linear, or inversely where off means infinite."""
@@ -50,9 +55,18 @@ def strengths(cls):
                 abs(default - neutral) > 1e-12):
             typical = float(defaults[name])
         high = FAINT * typical if info.high is None else info.scale * info.high
-        out += [Strength(name, i, neutral, typical, high)
+        spread = info.scale * _sd(info) / abs(typical - neutral) if _sd(info) else 1.0
+        out += [Strength(name, i, neutral, typical, high, spread)
                 for i in (range(3) if info.shape else (None,))]
     return tuple(out)
+
+
+def _sd(info):
+    """Standard deviation of a prior that is not lognormal, edge unit; None for those."""
+    if info.prior is None or info.prior[0] == 'lognormal':
+        return None
+    kind, a, b = info.prior
+    return b if kind == 'normal' else (b - a) / np.sqrt(12.0)
 
 
 def _typical(info):

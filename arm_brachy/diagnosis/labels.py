@@ -91,7 +91,7 @@ def _leads(motion, phases):
 
 
 def _excursions(motion):
-    """Excursion of every piece (k,), and per excursion: amplitude, former largest push (p,), cycle.
+    """Excursion of every piece (k,); per excursion: amplitude, former largest push (p,), cycle.
 
     An excursion begins with the first piece that leaves rest and lasts through the rest after it.
     """

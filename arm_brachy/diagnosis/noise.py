@@ -23,6 +23,7 @@ SETTLING = 0.2       # s after the pads have stopped that are no idle
 LATER_PART = 0.5     # of a later stretch that is taken: its end, when the tissue has settled
 LEAST_IDLE = 20      # samples of idle below which the data sheet is asked
 ENOUGH_IDLE = 5.0    # s of idle before the first push that make later stretches needless
+ENOUGH_VALUES = 20_000   # to see the counts of a digitised signal
 PRIOR_SAMPLES = 30   # idle samples that the pooled variance of a stream counts for
 STILL_SHARE = 0.2    # of a stream of a body without pads, at its end, where it has come to rest
 
@@ -170,7 +171,7 @@ def quantum(values):
     The smallest difference between different values, if at least nine tenths of all differences
     are whole multiples of it.
     """
-    levels = np.unique(values)
+    levels = np.unique(values[:: max(len(values) // ENOUGH_VALUES, 1)])
     if len(levels) < 3:
         return 0.0
     steps = np.diff(levels)

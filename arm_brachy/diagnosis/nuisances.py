@@ -1,4 +1,7 @@
-"""What no cause is needed for: frames, zeros, places and the modulus, each to within its prior."""
+"""What no cause is needed for: frames, zeros, places and the modulus, each to within its prior.
+
+Test: diagnosis/forward/test_observables.py
+"""
 
 from dataclasses import dataclass
 

@@ -37,30 +37,16 @@ class Row:
     state: int
 
 
-def measured_at(prepared, kind, windows):
-    """Return the Measured of one stream: means over windows; None if it was not recorded.
-
-    prepared : prepared.Prepared;  windows : (n, 2) [s] start and end, short against any change
-    A channel seen in less than half of a window's samples is not valid there.
-    """
-    stream, noise = prepared.on(kind, *set(prepared.evidence.get(kind).bodies)) if (
-        prepared.evidence.get(kind) is not None) else (None, None)
-    if stream is None:
-        return None
-    shape = (len(windows), len(stream.names))
-    values, sd = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
-    count = np.zeros(shape)
-    for i, (start, end) in enumerate(windows):
-        part = stream.between(start, end)
-        count[i] = part.valid.sum(axis=0)
-        enough = (count[i] > 0) & (count[i] >= 0.5 * len(part.t))
-        count[i, ~enough] = 0
-        values[i, enough] = np.nanmean(part.values[:, enough], axis=0)
-    valid = count > 0
-    sd = np.sqrt(noise.mean_variance(np.maximum(count, 1)))
-    typical = np.maximum(np.median(count, axis=1), 1)
-    return Measured(kind, stream.names, values, valid, sd,
-                    noise.between(np.mean(windows, axis=1), typical))
+def measured(states):
+    """Return the Measured of every stream of a states.LoadStates that a tissue model predicts."""
+    out = []
+    for kind in (kind for kind in KINDS if kind in states.streams):
+        stream = states.streams[kind]
+        valid = np.isfinite(stream.values).all(axis=2)
+        sd = np.sqrt(np.where(valid[..., None], stream.variance, 1.0))
+        out.append(Measured(kind, stream.names, stream.values, valid, sd,
+                            states.correlation[kind]))
+    return tuple(out)
 
 
 class Observables:
@@ -72,7 +58,7 @@ class Observables:
     Channels and axes are independent; states of one channel are correlated, which `whiten` takes
     out by the Cholesky factor of each channel's covariance.
     Raises InputError for a channel that the model does not have.
-    Test: diagnosis/test_observables.py
+    Test: diagnosis/forward/test_observables.py
     """
 
     def __init__(self, measured, channels):

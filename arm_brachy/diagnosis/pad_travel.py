@@ -52,12 +52,12 @@ class PadTravel:
     frame: np.ndarray
 
 
-def pad_travels(evidence, registration, noise, touch, *, alarm):
+def pad_travels(evidence, noise, touch, *, alarm):
     """PadTravel of every marker on a pad that moved; a tuple.
 
-    registration : registration.Registration;  noise : noise.Noise of the optical stream
+    evidence : Evidence, optical positions in the world frame;  noise : noise.Noise of that stream
     touch : [m] less travel counts as none;  alarm : probability of a false step per marker
-    Test: diagnosis/test_pad_travel.py
+    Test: diagnosis/structural/test_pad_travel.py
     """
     optical, encoder = evidence.get(OPTICAL), evidence.get(ENCODER)
     if optical is None or encoder is None:
@@ -67,12 +67,12 @@ def pad_travels(evidence, registration, noise, touch, *, alarm):
         seen = encoder.valid[:, i]
         travel = encoder.t[seen], encoder.values[seen, i, 0]
         if np.ptp(travel[1]) > touch:
-            found += [_one(evidence, registration, noise, pad, int(k), travel, alarm)
+            found += [_one(evidence, noise, pad, int(k), travel, alarm)
                       for k in optical.on(pad)]
     return tuple(one for one in found if one is not None)
 
 
-def _one(evidence, registration, noise, pad, k, travel, alarm):
+def _one(evidence, noise, pad, k, travel, alarm):
     optical = evidence.get(OPTICAL)
     inside = (optical.t >= travel[0][0]) & (optical.t <= travel[0][-1])
     t, valid = optical.t[inside], optical.valid[inside, k]
@@ -80,7 +80,7 @@ def _one(evidence, registration, noise, pad, k, travel, alarm):
         return None
     axis = evidence.directions[evidence.pads.index(pad)]
     frame = push_frame(axis)
-    moved = (registration.apply(optical.values[inside, k]) - optical.rest[k]) @ frame.T
+    moved = (optical.values[inside, k] - optical.rest[k]) @ frame.T
     force = _push_back(evidence, pad, axis)
     delay, jumps, colour, sd = 0.0, (), noise.colour, np.full(3, noise.sd[k].mean())
     for again in reversed(range(PASSES)):
@@ -116,8 +116,8 @@ def _with_delay(estimates, everything, delay):
 
 
 def push_frame(axis):
-    """Rotation (3, 3) whose rows are the unit push direction `axis` (3,), the unit vector across it
-    nearest to world z (to x for a push along z), and the product of the two.
+    """Rotation (3, 3) whose rows are the unit push direction `axis` (3,), the unit vector across
+    it nearest to world z (to x for a push along z), and the product of the two.
     """
     up = np.eye(3)[2 if abs(axis[2]) < ALONG_Z else 0]
     up = up - (up @ axis) * axis

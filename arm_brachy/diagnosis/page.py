@@ -9,7 +9,7 @@ from ruamel.yaml import YAML
 from arm_brachy.core.config import to_mapping
 from arm_brachy.core.quantity import UNITS, quantities
 from arm_brachy.core.scene import Material
-from arm_brachy.diagnosis import words
+from arm_brachy.diagnosis import wording, words
 from arm_brachy.diagnosis.figures import fit_plate, when_plate, where_plate
 from arm_brachy.diagnosis.statements import edge_unit
 from arm_brachy.evaluation.body_place import Body
@@ -25,6 +25,7 @@ from arm_brachy.evaluation.page import (
 )
 
 MOODS = {'named': 'bad', 'nothing_missing': 'good', 'equivalent': 'open', 'unexplained': 'open'}
+MOST_LINES = 6   # places or intervals in words; more do not make the page clearer
 PARAMETERS = (Column('Parameter', numeric=False), Column('Meaning', numeric=False),
               Column('Value'), Column('90 % interval'), Column('Unit', numeric=False))
 ALTERNATIVES = (Column('Explanation', numeric=False), Column('Held-out score', 'nat'),
@@ -50,6 +51,7 @@ class _Cause:
     summary: str
     applies_to: str
     equation: str
+    symbols: str
     parameters: Grid
     source: str
 
@@ -78,9 +80,11 @@ def write_diagnosis(d, shown, out_html):
         heading=source.name, verdict=Verdict(MOODS[d.verdict], _typeset(d.sentence), _detail(d)),
         facts=_facts(d), where=drawn.get('where'), when=drawn.get('when'), fit=drawn.get('fit'),
         numbers={name: i + 1 for i, name in enumerate(drawn)},
-        place_words=[_sentence(place.term, words.place(place)) for place in d.where],
-        when_words=[_sentence(one.term, words.interval(one, source.recordings)) for one in d.when], options=_options(d, shown.body),
-        gains=[words.improvement(one) for one in d.fit], certainty=_typeset(words.certainty(d)), alternatives=_alternative_grid(d),
+        place_words=_first([_sentence(one.term, words.place(one)) for one in d.where]),
+        when_words=_first([_sentence(one.term, words.interval(one, source.recordings))
+                           for one in d.when]),
+        options=_options(d, shown.body), gains=[words.improvement(one) for one in d.fit],
+        certainty=_typeset(words.certainty(d)), alternatives=_alternative_grid(d),
         request='' if d.next_experiment is None else words.request(d.next_experiment),
         moves=_yaml(d.next_experiment), corrected=d.scene, recalibrated=_recalibrated_grid(d),
         findings=_finding_grid(d), notes=d.notes, recordings=_recording_grid(source),
@@ -93,18 +97,18 @@ def _detail(d):
         return f'To decide it: {words.request(d.next_experiment)}'
     found = [(cause, cause.shown()) for cause in d.causes]
     return _typeset(' '.join(
-        f'{_capital(words.spoken(cause.term))}: '
-        f'{"; ".join(words.parameter(n, u, *v) for n, _, u, *v in rows)}.'
+        f'{_capital(wording.spoken(cause.term))}: '
+        f'{"; ".join(wording.parameter(n, u, *v) for n, _, u, *v in rows)}.'
         for cause, rows in found if rows))
 
 
 def _facts(d):
     facts = []
     if d.verdict == 'named':
-        facts.append(Fact('Probability', words.percent(min(c.probability for c in d.causes))))
+        facts.append(Fact('Probability', wording.percent(min(c.probability for c in d.causes))))
     for one in d.fit:
         unit, scale = edge_unit(one.stream)
-        before, after, floor = words.figures(
+        before, after, floor = wording.figures(
             tuple(v / scale for v in (one.recalibrated, one.reached, one.noise_floor)))
         change = after if one.named is None else f'{before} → {after}'
         facts.append(Fact(f'Held-out error, {one.stream}', change, f'{unit} (noise {floor})'))
@@ -117,8 +121,13 @@ def _facts(d):
     return facts
 
 
+def _first(lines):
+    left = len(lines) - MOST_LINES
+    return lines if left <= 0 else [*lines[:MOST_LINES], f'And {left} more.']
+
+
 def _sentence(term, said):
-    return _typeset(_capital(f'{words.spoken(term)} {said}.'.lstrip()))
+    return _typeset(_capital(f'{wording.spoken(term)} {said}.'.lstrip()))
 
 
 def _typeset(text):
@@ -136,7 +145,7 @@ def _options(d, body):
     for option, causes in d.options().items():
         heading = ''
         if d.verdict == 'equivalent':
-            chance = words.percent(min(c.probability for c in causes))
+            chance = wording.percent(min(c.probability for c in causes))
             heading = 'In any case' if option == 0 else (
                 f'Option {len(found) + (0 if shared else 1)}, probability {chance}')
         found.append(_Option(heading, tuple(_cause(cause, body) for cause in causes)))
@@ -146,21 +155,21 @@ def _options(d, body):
 def _cause(cause, body):
     chosen = [_chosen(key, value, body) for key, value in cause.applies_to.items()
               if value not in ((), '')]
-    return _Cause(_capital(words.spoken(cause.term)), cause.spec.summary,
-                  f' ({", ".join(chosen)})' if chosen else '', cause.spec.equation,
+    return _Cause(_capital(wording.spoken(cause.term)), cause.spec.summary,
+                  f' ({", ".join(chosen)})' if chosen else '', cause.spec.equation, cause.symbols,
                   _parameter_grid(cause.shown()), f'Source: {cause.spec.source}.')
 
 
 def _chosen(key, value, body):
     if key == 'actuators':   # indices into the bank, which has the order of the pads
-        value = [body.pads[i].name for i in value]
-    return f'{key} {value if isinstance(value, str) else ", ".join(map(str, value))}'
+        return f'of {wording.listed([body.pads[i].name for i in value])}'
+    return f'{key} {value if isinstance(value, str) else wording.listed(map(str, value))}'
 
 
 def _parameter_grid(rows, note=''):
     return Grid(PARAMETERS, tuple(
-        (Cell(words.spoken(name)), Cell(text), Cell(_typeset(words.amount('1', *values))),
-         Cell(_typeset(words.bounds('1', *values).removeprefix('90 % interval '))),
+        (Cell(wording.spoken(name)), Cell(text), Cell(_typeset(wording.amount('1', *values))),
+         Cell(_typeset(wording.ends(*values))),
          Cell('' if unit == '1' else unit))
         for name, text, unit, *values in rows), note)
 
@@ -175,11 +184,21 @@ def _recalibrated_grid(d):
 
 
 def _alternative_grid(d):
-    return Grid(ALTERNATIVES, tuple(
-        (Cell(' + '.join(words.spoken(term) for term in one.terms)), Cell(number(one.held_out, 1)),
-         Cell(words.why_not(one, d), '' if one.visible else 'open')) for one in d.alternatives), (
+    if not d.alternatives:
+        return Grid()
+    named = [] if d.held_out is None else [
+        (_terms([cause.term for cause in d.likeliest()]), Cell(number(d.held_out, 1), 'good'),
+         Cell('named' if d.verdict == 'named' else 'the most probable option', 'good'))]
+    lost = [(_terms(one.terms), Cell(number(one.held_out, 1)),
+             Cell(words.why_not(one, d), '' if one.visible else 'open'))
+            for one in d.alternatives]
+    return Grid(ALTERNATIVES, (*named, *lost), (
         'Score: gain in the natural logarithm of the probability of what was held out, over the '
         'recalibrated model without new physics; below zero it predicts worse.'))
+
+
+def _terms(terms):
+    return Cell(' + '.join(wording.spoken(term) for term in terms))
 
 
 def _finding_grid(d):

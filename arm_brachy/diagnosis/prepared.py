@@ -16,6 +16,7 @@ from arm_brachy.diagnosis.stream import ENCODER, OPTICAL
 class Prepared:
     """One recording, ready to be looked at.
 
+    evidence : Evidence with optical positions in the world frame
     motion : Motion, None without pads;  noise : kind -> noise.Noise
     registration : Registration, None without optical markers
     calibration : what counts as no fault
@@ -35,18 +36,13 @@ class Prepared:
         return encoder.t[seen], encoder.values[seen, :, 0]
 
     def on(self, kind, *bodies):
-        """(Stream, Noise) of the channels of one kind that sit on `bodies`; (None, None) if none.
-
-        Positions of optical markers are in the world frame.
-        """
+        """(Stream, Noise) of the channels of a kind that sit on `bodies`; (None, None) if none."""
         stream = self.evidence.get(kind)
         index = [] if stream is None else stream.on(*bodies)
         if not len(index):
             return None, None
-        part = stream.channels(index)
-        if kind == OPTICAL:
-            part = replace(part, values=self.registration.apply(part.values))
-        return part, replace(self.noise[kind], sd=self.noise[kind].sd[index])
+        return (stream.channels(index),
+                replace(self.noise[kind], sd=self.noise[kind].sd[index]))
 
 
 def prepare(evidence, devices=None, calibration=None):
@@ -56,8 +52,12 @@ def prepare(evidence, devices=None, calibration=None):
     calibration : finding.Calibration, None = its defaults
     """
     calibration = calibration or Calibration()
-    return Prepared(evidence, motion_of(evidence), noise_of(evidence, devices),
-                    register(evidence, calibration.placement), calibration)
+    noise, found = noise_of(evidence, devices), register(evidence, calibration.placement)
+    if found is not None:
+        optical = evidence.get(OPTICAL)
+        moved = replace(optical, values=found.apply(optical.values))
+        evidence = replace(evidence, streams={**evidence.streams, OPTICAL: moved})
+    return Prepared(evidence, motion_of(evidence), noise, found, calibration)
 
 
 def rigid_motion(rest, moved, seen):

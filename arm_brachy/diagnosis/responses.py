@@ -3,12 +3,15 @@
 In equilibrium f(x, theta) = 0. What a term adds to the forces at the positions of the baseline is
 its residual g; to first order in it the positions move by -K^-1 g, and an observable J, with the
 adjoint state a = K^-1 dJ/dx, by -a . g (`jacobian.Linearisation.adjoint`). That asks nothing of a
-term but to be prepared and to have its memory carried along the baseline. Where held nodes,
-supports or contact change, no such step leads there: these are run in full.
+term but to be prepared and to have its memory carried along the baseline. Where held nodes or
+supports change, the balance is found on the few nodes concerned (`interface`); lost bonds of pads
+are run in full.
+Test: diagnosis/forward/test_responses.py
 """
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +19,7 @@ from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.forward import STAGES, ForwardModel
 from arm_brachy.diagnosis.hypothesis import Hypothesis
+from arm_brachy.diagnosis.interface import interface_change
 from arm_brachy.diagnosis.specimen import attach
 from arm_brachy.diagnosis.stream import EM, OPTICAL
 from arm_brachy.diagnosis.trajectory import Trajectory, evolve
@@ -42,6 +46,11 @@ class Response:
     scale: float
     exact: bool
 
+    def per_prior(self):
+        """The values per prior standard deviation of every strength."""
+        spread = np.array([strength.spread for strength in self.hypothesis.strengths])
+        return {kind: values * spread for kind, values in self.values.items()}
+
 
 def respond(baseline, hypothesis, scale=None):
     """Return the Response to a Hypothesis beside the terms of a baseline.Baseline.
@@ -51,33 +60,35 @@ def respond(baseline, hypothesis, scale=None):
     Raises ConfigError for a term that the encoders hide (set point), and what terms raise that do
     not fit.
     """
-    columns = [_column(baseline, hypothesis.alone(k, WHOLE if scale is None else scale), scale,
-                       lambda a, k=k: hypothesis.alone(k, a))
+    columns = [_column(baseline, partial(hypothesis.alone, k), scale)
                for k in range(len(hypothesis.strengths))]
     values = {kind: np.stack([column[0][kind] for column in columns], axis=3) for kind in STAGES}
     return Response(hypothesis, values, columns[0][1], columns[0][2])
 
 
-def _column(baseline, term, scale, at):
-    """(change per typical size kind -> (n, c, 3), scale, exact) of one strength."""
-    if term.stage is Stage.BODY:
+def _column(baseline, at, scale):
+    """(change per typical size kind -> (n, c, 3), scale, exact) of one strength.
+
+    at : amplitude -> term
+    """
+    whole = at(scale or WHOLE)
+    if whole.stage is Stage.BODY:
         if _restructures(baseline, at(WHOLE)):
-            return _rerun(baseline, at(scale or WHOLE), scale or WHOLE)
-        scale = scale or SMALL
-        return _divided(body_change(baseline, at(scale)), scale), scale, False
-    scale = scale or WHOLE
-    if term.stage is Stage.TRANSMISSION:
+            return _supported(baseline, whole, scale or WHOLE)
+        return _by(scale or SMALL, body_change(baseline, at(scale or SMALL)))
+    if whole.stage is Stage.TRANSMISSION:
         if baseline.model.remembers:
-            return _rerun(baseline, term, scale)
-        return _divided(transmission_change(baseline, term), scale), scale, False
-    if term.stage in STAGES.values():
-        return _divided(sensing_change(baseline, term), scale), scale, False
-    raise ConfigError(f'{term.spec.name} acts at {term.stage.value}, before the encoders; no '
+            return _rerun(baseline, whole, scale or WHOLE)
+        return _by(scale or WHOLE, transmission_change(baseline, whole))
+    if whole.stage in STAGES.values():
+        return _by(scale or WHOLE, sensing_change(baseline, whole))
+    raise ConfigError(f'{whole.spec.name} acts at {whole.stage.value}, before the encoders; no '
                       'recording of the encoders shows it to a model that is driven by them')
 
 
-def _divided(change, scale):
-    return {kind: values / scale for kind, values in change.items()}
+def _by(scale, change):
+    """A column that is not exact, from the change at an amplitude."""
+    return {kind: values / scale for kind, values in change.items()}, scale, False
 
 
 def _with(model, *added):
@@ -111,6 +122,17 @@ def rebuilt(old, new):
                     for a, b in zip(old.pads, new.pads, strict=True))
             and len(old.supports.nodes) == len(new.supports.nodes))
     return not same
+
+
+def _supported(baseline, term, scale):
+    """Condensed to the nodes of a support where one is all that changes, else run in full."""
+    body, terms = _prepared(baseline.model, term)
+    changes = None
+    if not any(one.memory(body) is not None for one in terms):
+        changes = interface_change(baseline, body)
+    if changes is None:
+        return _rerun(baseline, term, scale)
+    return _by(scale, _difference(baseline, [baseline.split(change) for change in changes]))
 
 
 def _rerun(baseline, term, scale):

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
 from scipy.stats import chi2
 
@@ -50,35 +51,44 @@ def rhythm(t, series, sd, columns, colour):
     line, not a broad hump. None if the recording is too short. Values that were not seen have to
     be filled beforehand.
     """
-    span, period = t[-1] - t[0], float(np.median(np.diff(t)))
+    span, period, dof = t[-1] - t[0], float(np.median(np.diff(t))), 2 * series.shape[1]
     low, high = max(SLOWEST_CYCLES / span, SLOWEST), min(FASTEST, 0.4 / period)
     if high <= low:
         return None
     Q = np.linalg.qr(colour.whiten(period, columns))[0]
     Y = colour.whiten(period, series / sd)
-    Y = Y - Q @ (Q.T @ Y)
-    grid = np.arange(low, high, 1.0 / (FINENESS * span))
-    fall = np.array([_fall(f, t, period, colour, Q, Y)[0].sum() for f in grid])
-    dof = 2 * series.shape[1]
-    around = median_filter(fall, size=2 * AROUND * FINENESS + 1, mode='nearest')
-    fall = fall / np.maximum(around / chi2.median(dof), 1.0)
-    best = int(np.argmax(fall))
-    number = (high - low) * span
-    cosine, sine = _fall(grid[best], t, period, colour, Q, Y)[1] * sd
-    chance = min(1.0, number * chi2.sf(fall[best], dof))
+    frequency, fall, waves = _spectrum(period, colour, Q, Y - Q @ (Q.T @ Y), low, high)
+    total = fall.sum(axis=1)
+    around = median_filter(total, size=2 * AROUND * FINENESS + 1, mode='nearest')
+    total = total / np.maximum(around / chi2.median(dof), 1.0)
+    best = int(np.argmax(total))
+    shift = 2.0 * np.pi * frequency[best] * t[0]    # phases from time 0, not from the first sample
+    turn = np.array([[np.cos(shift), -np.sin(shift)], [np.sin(shift), np.cos(shift)]])
+    cosine, sine = turn @ waves[best] * sd
+    chance = min(1.0, (high - low) * span * chi2.sf(total[best], dof))
     # error of the frequency of a sinusoid in white noise, Rife & Boorstyn 1974, IEEE IT 20:591
-    error = np.sqrt(6.0) / (np.pi * span * np.sqrt(max(fall[best], 1.0)))
-    return Rhythm(float(grid[best]), float(error), cosine, sine, float(chance))
+    error = np.sqrt(6.0) / (np.pi * span * np.sqrt(max(total[best], 1.0)))
+    return Rhythm(float(frequency[best]), float(error), cosine, sine, float(chance))
 
 
-def _fall(frequency, t, period, colour, Q, Y):
-    """(fall of chi^2 (s,), cosine and sine part (2, s) in units of sd) at one frequency."""
-    phase = 2.0 * np.pi * frequency * t
-    wave = colour.whiten(period, np.stack([np.cos(phase), np.sin(phase)], axis=1))
-    wave = wave - Q @ (Q.T @ wave)
-    U, R = np.linalg.qr(wave)
-    match = U.T @ Y
-    return np.sum(match ** 2, axis=0), np.linalg.solve(R, match)
+def _spectrum(period, colour, Q, Y, low, high):
+    """Frequencies (m,), falls of chi^2 (m, s), and cosine and sine parts (m, 2, s) in units of sd.
+
+    Inner products with whitened waves are Fourier transforms of the data sent backwards through
+    the whitening filter; what the regressors (n, p), orthonormal, take of the waves is subtracted.
+    """
+    n = len(Y)
+    size = next_fast_len(FINENESS * n)
+    back = np.concatenate([Q, Y], axis=1)[::-1]
+    F = np.fft.rfft(colour.whiten(period, back)[::-1], size, axis=0)
+    frequency = np.fft.rfftfreq(size, period)
+    keep = (frequency >= low) & (frequency <= high)
+    inner = np.stack([F.real, -F.imag], axis=1)[keep]
+    A, match = inner[:, :, :Q.shape[1]], inner[:, :, Q.shape[1]:]
+    response = np.abs(np.fft.rfft(colour.whiten(period, np.eye(1, n)[0]), size)[keep]) ** 2
+    gram = 0.5 * n * response[:, None, None] * np.eye(2) - A @ A.transpose(0, 2, 1)
+    waves = np.linalg.solve(gram, match)
+    return frequency[keep], np.sum(match * waves, axis=1), waves
 
 
 def rhythm_findings(prepared, travel, late, jumps=()):
@@ -87,7 +97,7 @@ def rhythm_findings(prepared, travel, late, jumps=()):
     travel : (t, q (m, p));  late : [s] of the optical clock;  jumps : times [s] of sudden events
     What a repeated protocol leaves unexplained is periodic too: the motion has to be there while
     nothing pushes as well, with the same frequency and half the amplitude or more.
-    Test: diagnosis/test_rhythm.py
+    Test: diagnosis/structural/test_rhythm.py
     """
     out = []
     for body in (BASE, TISSUE):

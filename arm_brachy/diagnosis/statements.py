@@ -35,7 +35,8 @@ class Place:
     """One place, given by exactly one of: stream, actuator (a pad), boundary, position alone.
 
     channel : marker, tool or pad of the stream, '' = all
-    boundary : the region in words ('base', 'surface under pad_1'), with a position if it has one
+    boundary : the region in words that follow 'on the' ('base', 'surface under pad_1'), with a
+        position if it has one
     position : (3,) [m] world frame, at rest;  radius : [m] of the 90 % region around it
     term, option : of the cause that is there; '' = what is there is not known
     """

@@ -59,7 +59,7 @@ def load_states(prepared, late=None, limit=LIMIT):
     On ramps the value of a straight line at the middle of the window is taken, so that gaps do not
     shift it in time; on stands the mean. Valid for motion that is straight within the tolerance of
     prepared.motion inside every window, and for a body that follows without inertia.
-    Test: diagnosis/test_states.py
+    Test: diagnosis/structural/test_states.py
     """
     late, motion = late or {}, prepared.motion
     if motion is None:

@@ -9,12 +9,12 @@ from functools import partial
 
 import numpy as np
 
-from arm_brachy.core.quantity import UNITS
 from arm_brachy.diagnosis.base_motion import base_findings
 from arm_brachy.diagnosis.clocks import Lateness, lateness
 from arm_brachy.diagnosis.consequence import share_followed
 from arm_brachy.diagnosis.events import event_findings, events_of
 from arm_brachy.diagnosis.finding import ALARM, Finding, sigma, threshold
+from arm_brachy.diagnosis.force_balance import balance_findings
 from arm_brachy.diagnosis.force_zero import force_findings
 from arm_brachy.diagnosis.gaps import gap_findings
 from arm_brachy.diagnosis.history import play
@@ -57,15 +57,15 @@ class Structure:
 def structure_of(prepared):
     """Structure of one prepared.Prepared recording.
 
-    Test: diagnosis/test_structural.py
+    Test: diagnosis/structural/test_structural.py
     """
     found = [*gap_findings(prepared), *exchanged_findings(prepared), *em_findings(prepared),
-             *pad_place_findings(prepared)]
+             *pad_place_findings(prepared), *balance_findings(prepared)]
     pads, clocks, events = (), {}, ()
     if prepared.motion is not None:
         tests = channels(prepared)
         if prepared.registration is not None:
-            pads = pad_travels(prepared.evidence, prepared.registration, prepared.noise[OPTICAL],
+            pads = pad_travels(prepared.evidence, prepared.noise[OPTICAL],
                                prepared.motion.touch, alarm=ALARM / tests)
         travel = played(prepared, pads)
         clocks = clocks_of(prepared, pads, travel)
@@ -222,7 +222,7 @@ def _tilt(prepared, one, tests):
     up, side = np.arctan(one.tilt)
     return [Finding(OPTICAL, one.marker, 'pad_misplacement', 'tilt_up', float(up), 'rad',
                     float(one.tilt_sd[0]), z, *map(float, prepared.evidence.span),
-                    f'The marker on {one.pad} moves {np.hypot(up, side) / UNITS["deg"][0]:.1f} deg '
+                    f'The marker on {one.pad} moves {np.degrees(np.hypot(up, side)):.1f} deg '
                     'aside of the push direction in the scene.',
                     parameters={'tilt_up': float(up), 'tilt_side': float(side),
                                 'pads': (one.pad,)})]

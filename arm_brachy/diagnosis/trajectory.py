@@ -1,4 +1,7 @@
-"""What a body does while its pads follow a path: the states at given instants."""
+"""What a body does while its pads follow a path: the states at given instants.
+
+Test: diagnosis/forward/test_forward.py
+"""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,7 @@
-"""From what the encoders saw to where the pads were, through the terms between the two."""
+"""From what the encoders saw to where the pads were, through the terms between the two.
+
+Test: diagnosis/forward/test_forward.py
+"""
 
 from dataclasses import dataclass
 
@@ -10,6 +13,8 @@ from arm_brachy.registry import split
 
 PASSES = 8          # of the fixed point between pad forces and yielding transmissions
 CLOSE = 1e-7        # m, of the path: a thousandth of the noise of any tracker
+REPEATS = 4         # of a sample under effort: terms that carry a force on from the step before
+                    # then settle on that given, each time to some tenth of what was left
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,8 @@ def transmitted(terms, encoder, effort=None):
 
     terms : of any stage; those at the set point have acted before the encoders and change nothing
     effort : (m, p) [N] pushing back on the pads at the encoder's samples, None = none
-    Every sample passes through every term, so that memory (play) sees each reversal.
+    Every sample passes through every term, so that memory (play) sees each reversal. Holds for
+    terms without a time of their own: a sample that is repeated changes nothing.
     Raises ConfigError for a term between motor and encoder, which cannot be turned round.
     """
     by_stage = split(terms)
@@ -42,13 +48,15 @@ def transmitted(terms, encoder, effort=None):
     acting, q, t = by_stage[Stage.TRANSMISSION], encoder.q, encoder.t
     if not acting:
         return encoder
+    repeats = 1 if effort is None else REPEATS
     effort = np.zeros_like(q) if effort is None else effort
     out, memories = np.empty_like(q), [term.memory(q[0]) for term in acting]
     before = np.diff(t, prepend=t[0] - 1.0)
     for i, u in enumerate(q):
-        felt = effort[max(i - 1, 0)]   # what a term is given belongs to the sample before
         for j, term in enumerate(acting):
-            u, memories[j] = term.step(memories[j], u, felt, t[i], before[i])
+            for _ in range(repeats):
+                y, memories[j] = term.step(memories[j], u, effort[i], t[i], before[i])
+            u = y
         out[i] = u
     return Path(t, out)
 

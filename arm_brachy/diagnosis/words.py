@@ -3,12 +3,9 @@
 Sentences carry the numbers and nothing that the numbers do not.
 """
 
-import math
-
-import numpy as np
-
 from arm_brachy.core.quantity import UNITS
 from arm_brachy.diagnosis.statements import edge_unit
+from arm_brachy.diagnosis.wording import figures, listed, percent, share, spoken
 
 STREAMS = {'optical': ('optical markers', 'marker'), 'em': ('EM tracker', 'tool'),
            'force': ('pad forces', 'pad'), 'encoder': ('encoders', 'pad')}
@@ -17,7 +14,7 @@ REGIMES = {'rest': 'at rest', 'hold': 'in holds', 'load': 'while loading',
            'amplitude': 'growing with depth',
            'direction': 'depending on the direction of motion',
            'past_maximum': 'depending on the deepest push before'}
-TIMES = {0: 'once', 1: 'once', 2: 'twice'}
+TIMES = {1: 'once', 2: 'twice'}
 MISSING = 'Missing from the model'
 MM = 1e3
 
@@ -29,7 +26,7 @@ def verdict(diagnosis):
 
 
 def _named(d):
-    found = listed([_cause_at(d, cause) for cause in d.causes])
+    found = '; '.join(_cause_at(d, cause) for cause in d.causes)
     if not any(cause.physical for cause in d.causes):
         return f'The mesh is at fault, not the physics: {found}.'
     return f'{MISSING}: {found}.'
@@ -65,12 +62,18 @@ def _equivalent(d):
 def _unexplained(d):
     line = 'Something is missing that no term of the catalogue explains'
     if d.where:
-        line += f', most clearly {place(d.where[0])}'
+        line += f', most clearly {place(_unnamed(d.where))}'
     if d.when:
-        line += f'{", " if d.where else ", most clearly "}{interval(d.when[0], d.provenance.recordings)}'
+        most = '' if d.where else 'most clearly '
+        line += f', {most}{interval(_unnamed(d.when), d.provenance.recordings)}'
     if d.causes:
         line += f', besides {listed([_cause_at(d, cause) for cause in d.causes])}'
     return line + '.'
+
+
+def _unnamed(found):
+    """The first Place or Interval that belongs to no cause; else the first."""
+    return next((one for one in found if not one.term), found[0])
 
 
 def _cause_at(d, cause):
@@ -87,11 +90,6 @@ def title(cause):
     return f'{spoken(cause.term)} ({cause.spec.summary})'
 
 
-def spoken(term):
-    """A term's or a pair's registry name as it is spoken."""
-    return term.replace('_', ' ')
-
-
 def place(where):
     """A Place, with its preposition."""
     if where.stream:
@@ -102,7 +100,7 @@ def place(where):
     at = '' if where.position is None else point(where.position)
     around = '' if where.position is None else f'90 % region: {where.radius * MM:.1f} mm around it'
     if where.boundary:
-        return f'on the boundary ({where.boundary}{f", {at}; {around}" if at else ""})'
+        return f'on the {where.boundary}{f", at {at} ({around})" if at else ""}'
     return f'at {at} ({around})'
 
 
@@ -127,47 +125,6 @@ def interval(when, recordings=()):
         return begins + regime
     low, high = when.onset
     return f'{begins}{regime}, beginning suddenly between {low:.2f} and {high:.2f} s (90 %)'
-
-
-def parameter(name, unit, value, low, high):
-    """One fitted parameter: name, value, unit and 90 % interval, in edge units."""
-    return f'{spoken(name)} {amount(unit, value, low, high)}, {bounds(unit, value, low, high)}'
-
-
-def amount(unit, value, low, high):
-    """A fitted value with its unit as printed, to the digits that its interval deserves."""
-    return f'{_joined([p[0] for p in _parts(value, low, high)], value)}{_unit(unit)}'
-
-
-def bounds(unit, value, low, high):
-    """The 90 % interval of a fitted value, per axis for a vector."""
-    ends = [f'{p[1]} to {p[2]}' for p in _parts(value, low, high)]
-    return f'90 % interval {_joined(ends, value)}{_unit(unit)}'
-
-
-def _parts(value, low, high):
-    """(value, low, high) as texts, per component."""
-    return [figures((v, a, b), b - a)
-            for v, a, b in zip(*(np.atleast_1d(x) for x in (value, low, high)), strict=True)]
-
-
-def _joined(texts, value):
-    return f'({", ".join(texts)})' if np.ndim(value) else texts[0]
-
-
-def _unit(unit):
-    return '' if unit == '1' else f' {unit}'
-
-
-def figures(values, width=None):
-    """Numbers with the decimals that `width` deserves (two digits of it), as texts.
-
-    width : of an interval; None or 0 = the smallest of the numbers that is not zero
-    """
-    sizes = [abs(v) for v in values if v and math.isfinite(v)]
-    scale = width or min(sizes, default=1.0)
-    decimals = max(0, 1 - math.floor(math.log10(scale))) if math.isfinite(scale) else 2
-    return tuple('unbounded' if math.isinf(v) else f'{v:z.{decimals}f}' for v in values)
 
 
 def improvement(one):
@@ -200,25 +157,6 @@ def certainty(d):
     return ' '.join(parts)
 
 
-def percent(chance):
-    """A probability; what rounds to certainty is a bound."""
-    if chance > 0.999:
-        return 'above 99.9 %'
-    if chance < 0.001:
-        return 'below 0.1 %'
-    return f'{100.0 * chance:.{1 if chance > 0.99 or chance < 0.01 else 0}f} %'
-
-
-def share(chance):
-    """A share of cases, small ones in powers of ten."""
-    return percent(chance) if chance >= 1e-3 else f'less than {_power(chance)}'
-
-
-def _power(chance):
-    exponent = math.ceil(math.log10(max(chance, 1e-12)))
-    return f'1 in {10 ** -exponent:,}'.replace(',', ' ')
-
-
 def why_not(one, d):
     """Why an Alternative lost, or that it is not ruled out."""
     if one.why:
@@ -227,6 +165,8 @@ def why_not(one, d):
         return 'not ruled out: these recordings could not have shown it'
     if one.held_out <= 0.0:
         return 'predicts what was held out no better than no new physics'
+    if d.causes and d.held_out is not None and one.held_out >= d.held_out:
+        return 'predicts what was held out as well, but all data together less well'
     if d.causes:
         return 'predicts what was held out less well than what is named'
     return 'gains too little on what was held out'
@@ -236,7 +176,8 @@ def request(one):
     """A NextExperiment: what to record, and what that decides."""
     steps = [one.instruction] if one.instruction else []
     if one.record:
-        steps.append(f'Record the {listed([STREAMS[stream][0] for stream in one.record])} as well.')
+        added = listed([STREAMS[stream][0] for stream in one.record])
+        steps.append(f'Record the {added} as well.')
     steps += [move(m) for m in one.moves]
     if one.splits:
         pairs = listed([f'{spoken(a)} from {spoken(b)}' for a, b in one.splits])
@@ -257,9 +198,3 @@ def move(m):
         return f'{way}{others}.'
     times = TIMES.get(m.cycles, f'{m.cycles} times')
     return f'{way}, back, hold {m.hold:g} s; {times}{others}.'
-
-
-def listed(items):
-    """'a', 'a and b', 'a, b and c'."""
-    items = list(items)
-    return items[0] if len(items) == 1 else f'{", ".join(items[:-1])} and {items[-1]}'

@@ -29,7 +29,7 @@ from arm_brachy.tissue.reduced_basis import PushDomain, sample_pushes, snapshots
 NAME = 'reduced-model'
 SCENE = 'breast.yaml'
 SEED = 1
-REACH = 20e-3
+REACH = 15e-3
 SAMPLES = {'linear': 256, 'quadratic': 256}  # full solves to learn from
 UNSEEN = 48
 MODES = (16, 24, 32)

@@ -12,8 +12,9 @@ from arm_brachy.tissue.mesh import boundary_faces
 
 STEPS = 4  # of the way along the surface, each by the midpoint rule
 # Share of the way that nodes may end off the given surface, root mean square. On the meshes of the
-# breast phantoms, rough as they are, it is 0.15 at most; at an edge of a block it is 0.5.
-OFF_SURFACE = 0.3
+# breast phantoms, rough as they are, it is 0.15 at most; a lid that slides over the edge of a
+# block has 1 for one row of its nodes.
+OFF_SURFACE = 0.2
 
 
 def slide_patch(mesh, patch, centre, direction, offset, held, reach):

@@ -26,9 +26,11 @@ class PadMisplacement(BodyTerm):
     solution is continuous in the offset where choosing nodes anew would jump. Nothing of the
     tissue moves: markers and targets keep their places in it; markers on the pad go with the pad.
 
-    Holds while the disc stays clear of the base and of other pads and where the surface is smooth
-    for a pad's radius around it. A tilted pad is pushed along its new direction but keeps the
-    patch that it is bonded to.
+    Against a scene whose pad is there, 3 mm off, disc of 12 mm, quadratic elements of 3 mm: force
+    within 1.1 %, markers within 5 % of what the offset does to them, which is the meshes' own
+    error. Holds while the disc stays clear of the base and of other pads and where the surface is
+    smooth for a pad's radius around it. A tilted pad is pushed along its new direction but keeps
+    the patch that it is bonded to.
     Test: tissue/terms/test_pad_misplacement.py (a scene whose pad is there, continuity, markers)
     """
 

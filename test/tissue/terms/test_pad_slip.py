@@ -1,4 +1,4 @@
-"""Slipping pads: Coulomb's cone at every point, sliding force, sticking as a bond, never a pull."""
+"""Slipping pads: Coulomb's cone at every point, sliding force, sticking as a bond, no pull."""
 
 import dataclasses
 
@@ -44,7 +44,7 @@ def dragged(plant, ways):
 
 
 def test_every_point_keeps_within_the_cone():
-    """Pressed and dragged: |t| <= mu p, no tension, and points that stick beside ones that slip."""
+    """Pressed and dragged: |t| <= mu p, no tension; some points stick and some slip."""
     body, friction = slipping(0.3).prepare(block()), 0.3
     contact = PadContact(body)
     state = contact.start(body.mesh.nodes, np.zeros((2, 3)))
@@ -93,7 +93,7 @@ def test_with_much_friction_a_plate_pushes_as_a_bonded_one_does_but_never_pulls(
         assert a.outcome.ok and b.outcome.ok
         np.testing.assert_allclose(a.pad_force, b.pad_force, rtol=0.03, atol=5e-3)
     a, b = (plant.step(3.0, [[0.0, 0.0, 5e-4]]) for plant in (stuck, bonded))
-    assert not a.pad_force.any() and b.pad_force[0, 2] < -0.5
+    assert not a.pad_force.any() and b.pad_force[0, 2] < -0.15
 
 
 def test_friction_is_invisible_until_something_slips():
@@ -128,7 +128,7 @@ def test_what_cannot_be_is_refused():
         PadSlip(pads=('left',)).prepare(block())
     with pytest.raises(ConfigError, match='pad side is known by its nodes alone'):
         PadSlip().prepare(block())
-    with pytest.raises(ConfigError, match='edge_radius_mm = 20; must be at most the radius of pad'):
+    with pytest.raises(ConfigError, match='edge_radius_mm = 20; must be at most the radius'):
         slipping(0.3, edge_radius=0.02).prepare(block())
     with pytest.raises(ConfigError, match="'implicit' with touching pads"):
         TissueSimulator(block(), (slipping(0.3),), dynamics='implicit')

@@ -1,0 +1,66 @@
+"""A finding that needed no tissue model, as parts of the answer: cause, place and interval."""
+
+import numpy as np
+from scipy.stats import norm
+
+from arm_brachy.core.errors import InputError
+from arm_brachy.core.quantity import quantities
+from arm_brachy.core.term import Kind
+from arm_brachy.diagnosis.cause import Cause, Estimate
+from arm_brachy.diagnosis.statements import Interval, Place
+from arm_brachy.registry import by_name
+
+TO_90 = float(norm.ppf(0.95))   # standard deviations to either end of a normal 90 % interval
+
+
+def cause_of(finding, probability, option=0):
+    """Cause of a finding.Finding that names a term.
+
+    The parameter that was estimated gets value -+ 1.64 sd, an onset its own interval; of others
+    the finding knows no error, and their interval is unbounded.
+    Raises InputError if the finding names no term.
+    """
+    if finding.term is None:
+        raise InputError(f'finding {finding.statement!r} names no term; it is a place and a time '
+                         'without a cause')
+    scaled = quantities(by_name(finding.term))
+    estimates = {name: _estimate(finding, name, value)
+                 for name, value in finding.parameters.items() if name in scaled}
+    chosen = {name: value for name, value in finding.parameters.items() if name not in scaled}
+    return Cause(finding.term, estimates, chosen, probability, option)
+
+
+def _estimate(finding, name, value):
+    value = np.asarray(value, dtype=float)
+    if name == 'onset' and finding.onset is not None:
+        low, high = finding.onset
+        return Estimate(float(value), min(low, float(value)), max(high, float(value)))
+    reach = TO_90 * np.asarray(finding.sd, dtype=float) if name == finding.parameter else np.inf
+    return Estimate(*(_plain(v) for v in (value, value - reach, value + reach)))
+
+
+def _plain(value):
+    return tuple(float(v) for v in value) if np.ndim(value) else float(value)
+
+
+def place_of(finding, scene, option=0):
+    """Place of a finding; scene : core.scene.Scene whose pads the actuators move.
+
+    A fault of a single actuator is at that actuator, one of a body that is none of the stream's
+    channels at that body, all others in their stream.
+    """
+    term = finding.term or ''
+    kind = by_name(term).spec.kind if term else None
+    actuators = finding.parameters.get('actuators', ())
+    if kind is Kind.ACTUATION and len(actuators) == 1:
+        return Place(actuator=scene.pads[actuators[0]].name, term=term, option=option)
+    known = {item.name for item in (*scene.markers, *scene.targets, *scene.pads)}
+    if kind is Kind.BOUNDARY and finding.channel and finding.channel not in known:
+        return Place(boundary=finding.channel, term=term, option=option)
+    return Place(stream=finding.stream, channel=finding.channel, term=term, option=option)
+
+
+def interval_of(finding, recording):
+    """Interval of a finding in the recording of that name."""
+    return Interval(recording, finding.t_start, finding.t_end, onset=finding.onset,
+                    term=finding.term or '')

@@ -1,0 +1,72 @@
+"""Every term has hypotheses, few enough, each a term that fits the body."""
+
+import numpy as np
+import pytest
+
+from arm_brachy.core.term import Stage
+from arm_brachy.diagnosis.candidates import (
+    Occasions,
+    candidates,
+    interior_places,
+    surface_places,
+)
+from arm_brachy.diagnosis.hypothesis import hypothesis, strengths
+from arm_brachy.registry import TERMS, by_name
+from arm_brachy.tissue.mesh import boundary_faces
+
+KNOWN = Occasions(onsets=(12.0,), windows=((10.0, 12.0),), frequencies=(0.23,))
+
+
+@pytest.mark.parametrize('cls', TERMS, ids=lambda cls: cls.spec.name)
+def test_every_term_has_some_and_they_fit(linear, cls):
+    found = candidates(cls, linear, KNOWN)
+    assert 0 < len(found) <= 60
+    for one in (found[0], found[-1]):
+        assert one.strengths
+        term = one.term(np.ones(len(one.strengths)))
+        if term.stage is Stage.BODY:
+            body = term.prepare(linear.body)
+            term.memory(body)
+
+
+def test_what_no_occasion_supports_is_no_hypothesis(linear):
+    assert candidates(by_name('external_force'), linear) == ()
+    assert candidates(by_name('breathing'), linear) == ()
+    assert candidates(by_name('lost_steps'), linear) == ()
+    assert len(candidates(by_name('stiffness_drift'), linear)) == 1
+
+
+def test_strengths_run_from_off_to_typical():
+    for cls in TERMS:
+        for one in strengths(cls):
+            if np.isfinite(one.neutral):
+                assert one.value(0.0) == one.neutral
+            else:
+                assert one.value(0.0) == pytest.approx(one.high) and one.high > 10.0 * one.typical
+            assert one.value(1.0) == pytest.approx(one.typical)
+            assert one.value(1.0) != one.value(0.0)
+
+
+def test_spread_is_the_width_of_the_prior_in_typical_sizes():
+    gain, offset = strengths(by_name('actuator_gain'))
+    assert gain.spread == pytest.approx(0.06 / 0.06) and offset.spread == pytest.approx(1.0)
+    damage, = strengths(by_name('stress_softening'))
+    assert damage.spread == pytest.approx(0.6 / np.sqrt(12.0) / 0.3)
+
+
+def test_the_strengths_left_out_are_off():
+    gain = hypothesis(by_name('actuator_gain'), ('offset',)).term(np.array([1.0]))
+    assert gain.gain == 0.0 and gain.offset == pytest.approx(5e-4)
+
+
+def test_places_cover_the_body_and_its_surface(linear):
+    mesh = linear.mesh
+    inner = interior_places(mesh, 60)
+    assert inner.shape == (60, 3)
+    middles = mesh.nodes[mesh.tets].mean(axis=1)
+    gap = np.linalg.norm(middles[:, None] - inner, axis=2).min(axis=1)
+    assert gap.max() < 0.02     # 440 ml / 60 is a ball of 12 mm; corners lie further off
+    free = surface_places(linear, 24, base=False)
+    outer = mesh.nodes[boundary_faces(mesh)].mean(axis=1)
+    assert np.linalg.norm(outer[:, None] - free, axis=2).min(axis=0).max() < 1e-12
+    assert np.array_equal(inner, interior_places(mesh, 60))

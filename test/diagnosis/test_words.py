@@ -1,0 +1,187 @@
+"""What is said, word for word where it matters, and the numbers in it."""
+
+import math
+import re
+from dataclasses import replace
+
+import pytest
+
+from arm_brachy.control.moves import Move, PadTarget
+from arm_brachy.diagnosis import wording, words
+from arm_brachy.diagnosis.cause import Cause
+from arm_brachy.diagnosis.statements import (
+    Alternative,
+    Interval,
+    NextExperiment,
+    Place,
+    Recording,
+)
+
+PROMISES = re.compile(r'\b(powerful|advanced|robust|novel|accurate|smart|perhaps|maybe|possibly|'
+                      r'likely|seems?|appears?|might|could be|clearly shows)\b', re.IGNORECASE)
+
+
+@pytest.mark.parametrize('name, said', [
+    ('named', 'Missing from the model: inclusion (spherical lump or soft pocket) at x = 18.2, '
+              'y = 8.1, z = 28.4 mm (90 % region: 3.1 mm around it).'),
+    ('structural', 'Missing from the model: backlash (the pad lags the motor by a fixed width '
+                   'after every reversal) at the actuator of pad_1.'),
+    ('equivalent', 'Missing from the model: either actuator gain (pad travel is scaled and '
+                   'shifted against the encoder) or actuator compliance (the pad yields to what '
+                   'pushes back on it) at the actuator of pad_1; these recordings cannot tell '
+                   'which.'),
+    ('nothing_missing', 'Nothing is missing: held out, the error of the optical markers is 0.15 '
+                        'mm (noise alone: 0.15 mm) and the error of the EM tracker is 0.30 mm '
+                        '(noise alone: 0.30 mm).'),
+    ('unexplained', 'Something is missing that no term of the catalogue explains, most clearly '
+                    'at x = -31.0, y = 24.0, z = 41.0 mm (90 % region: 8.6 mm around it), from '
+                    '23.40 to 27.20 s of rich, while unloading, beginning suddenly between 23.31 '
+                    'and 23.47 s (90 %).'),
+])
+def test_a_verdict_is_one_sentence(answers, name, said):
+    assert words.verdict(answers[name]) == said
+
+
+def test_nothing_is_promised_and_nothing_hedged(answers):
+    for d in answers.values():
+        said = [words.verdict(d), words.certainty(d), *map(words.improvement, d.fit),
+                *(words.why_not(one, d) for one in d.alternatives)]
+        if d.next_experiment is not None:
+            said.append(words.request(d.next_experiment))
+        assert not PROMISES.search(' '.join(said))
+
+
+def test_options_at_different_places_each_have_theirs(answers):
+    d = answers['equivalent']
+    apart = replace(d, where=(d.where[0], Place(actuator='pad_2', term='actuator_compliance',
+                                                option=2)))
+    said = words.verdict(apart)
+    assert re.search(r'gain \(.*?\) at the actuator of pad_1 or actuator compliance \(.*?\) at '
+                     'the actuator of pad_2;', said)
+
+
+def test_what_holds_in_any_case_is_said(answers):
+    d = answers['equivalent']
+    said = words.verdict(replace(d, causes=(*d.causes, Cause('gravity'))))
+    assert said.endswith('In any case gravity (gravity missing from the model, or tilted).')
+
+
+def test_two_causes_are_both_named(answers):
+    d = answers['named']
+    said = words.verdict(replace(d, causes=(*d.causes, Cause('pad_slip'))))
+    assert 'inclusion (' in said and '; pad slip (' in said
+
+
+def test_a_mesh_at_fault_is_not_called_physics(answers):
+    said = words.verdict(replace(answers['named'], causes=(Cause('discretisation'),), where=()))
+    assert said.startswith('The mesh is at fault, not the physics: discretisation')
+    assert 'Missing from the model' not in said
+
+
+def test_beside_a_found_cause_the_place_of_the_rest_is_said(answers):
+    d = answers['unexplained']
+    known = Place(actuator='pad_3', term='backlash')
+    said = words.verdict(replace(d, where=(known, *d.where), causes=(Cause('backlash'),)))
+    assert 'most clearly at x = -31.0' in said
+    assert said.endswith('besides backlash (the pad lags the motor by a fixed width after every '
+                         'reversal) at the actuator of pad_3.')
+
+
+@pytest.mark.parametrize('place, said', [
+    (Place(stream='em'), 'in the EM tracker'),
+    (Place(stream='force', channel='pad_2'), 'in the pad forces (pad pad_2)'),
+    (Place(boundary='base', position=(0.01, 0.0, 0.0), radius=0.004),
+     'on the base, at x = 10.0, y = 0.0, z = 0.0 mm (90 % region: 4.0 mm around it)'),
+    (Place(boundary='base'), 'on the base'),
+    (Place(position=(-1e-9, 0.0, 0.0), radius=0.004),
+     'at x = 0.0, y = 0.0, z = 0.0 mm (90 % region: 4.0 mm around it)'),
+])
+def test_places(place, said):
+    assert words.place(place) == said
+
+
+def test_intervals():
+    whole = Recording('run', 'fitted', 1.0, 60.0)
+    held = Interval('run', 2.0, 9.5, 'hold')
+    assert words.interval(held) == 'from 2.00 to 9.50 s of run, in holds'
+    assert words.interval(Interval('run', 0.5, 60.0), (whole,)) == 'throughout run'
+    assert words.interval(Interval('run', 2.0, 60.0), (whole,)) == 'from 2.00 to 60.00 s of run'
+    assert words.interval(Interval('other', 0.5, 60.0), (whole,)).startswith('from 0.50')
+
+
+@pytest.mark.parametrize('args, said', [
+    (('width', 'mm', 0.3104, 0.2897, 0.3302), 'width 0.310 mm, 90 % interval 0.290 to 0.330 mm'),
+    (('ratio', '1', 5.61, 2.9, 12.43), 'ratio 5.6, 90 % interval 2.9 to 12.4'),
+    (('E', 'kPa', 260.0, 200.0, 330.0), 'E 260 kPa, 90 % interval 200 to 330 kPa'),
+    (('tilt_side', 'deg', 1.5, -math.inf, math.inf),
+     'tilt side 1.50 deg, 90 % interval not known'),
+    (('offset', 'mm', [1.0, -2.0, 0.0], [0.5, -2.5, -0.5], [1.5, -1.5, 0.5]),
+     'offset (1.0, -2.0, 0.0) mm, 90 % interval (0.5 to 1.5, -2.5 to -1.5, -0.5 to 0.5) mm'),
+])
+def test_a_parameter_shows_the_digits_its_interval_deserves(args, said):
+    assert wording.parameter(*args) == said
+
+
+def test_figures_have_two_digits_of_the_interval():
+    assert wording.figures((10.04, 9.0, 11.0), 2.0) == ('10.0', '9.0', '11.0')
+    assert wording.figures((0.0, 0.0)) == ('0.0', '0.0')
+
+
+@pytest.mark.parametrize('chance, said', [(1.0, 'above 99.9 %'), (0.9993, 'above 99.9 %'),
+                                          (0.994, '99.4 %'), (0.57, '57 %'), (0.004, '0.4 %'),
+                                          (0.0, 'below 0.1 %')])
+def test_certainty_is_never_rounded_up_to_one(chance, said):
+    assert wording.percent(chance) == said
+
+
+def test_rare_chances_are_counted():
+    assert wording.share(2e-7) == 'less than 1 in 1 000 000'
+    assert wording.share(0.42) == '42 %'
+
+
+def test_improvement_shows_all_four_errors(answers):
+    optical = answers['named'].fit[0]
+    assert words.improvement(optical) == (
+        'Error of the optical markers (held out: pairs): 0.62 mm as given, 0.41 mm recalibrated, '
+        '0.16 mm with what was found; noise alone leaves 0.15 mm.')
+    assert 'what was found' not in words.improvement(answers['nothing_missing'].fit[0])
+
+
+def test_certainty_of_options_is_their_distance(answers):
+    said = words.certainty(answers['equivalent'])
+    assert 'actuator gain: 57 %' in said and '0.4 standard deviations apart' in said
+    assert 'nearest rival is 14.2 standard deviations' in words.certainty(answers['named'])
+
+
+def test_why_an_alternative_lost(answers):
+    d = answers['named']
+    assert 'no better than no new physics' in words.why_not(Alternative(('obstacle',), -1.0), d)
+    assert 'less well than what is named' in words.why_not(Alternative(('obstacle',), 5.0), d)
+    assert 'all data together' in words.why_not(Alternative(('obstacle',), 300.0), d)
+    assert 'not ruled out' in words.why_not(Alternative(('obstacle',), 5.0, visible=False), d)
+    assert words.why_not(Alternative(('obstacle',), 5.0, why='it is far away'), d) == (
+        'it is far away')
+    assert 'too little' in words.why_not(Alternative(('obstacle',), 1.0),
+                                         answers['nothing_missing'])
+
+
+def test_a_request_says_what_to_do_and_what_it_decides(answers):
+    assert words.request(answers['equivalent'].next_experiment) == (
+        'Record the pad forces as well. Push pad_1 to 8 mm at 20 mm/s, hold 2 s, back, hold 2 s; '
+        'twice. Push pad_1 to 8 mm and pad_3 to 8 mm at 20 mm/s, hold 2 s, back, hold 2 s; once. '
+        'This is expected to tell actuator gain from actuator compliance, by at least 9.6 '
+        'standard deviations.')
+    assert words.request(NextExperiment(instruction='Turn the phantom over.')) == (
+        'Turn the phantom over.')
+
+
+@pytest.mark.parametrize('move, said', [
+    (Move('m', 5e-3, (PadTarget('a', 1e-3),), hold=1.0, cycles=3),
+     'Push a to 1 mm at 5 mm/s, hold 1 s, back, hold 1 s; 3 times.'),
+    (Move('m', 5e-3, (PadTarget('a', 1e-3),), 'home', 1.0),
+     'Push a to 1 mm at 5 mm/s, hold 1 s; the others go home.'),
+    (Move('m', 5e-3, (), 'home', 4.0), 'All pads go home, for 4 s.'),
+    (Move('m', 5e-3, (), 'stay', 4.0), 'All pads stand, for 4 s.'),
+])
+def test_moves(move, said):
+    assert words.move(move) == said
