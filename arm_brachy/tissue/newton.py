@@ -67,6 +67,7 @@ class StaticSolution:
 # each entry of the factor. Measured on 2398 tetrahedra: a factor costs as much as 5 corrections
 # (linear, 130 operations an entry) or 15 (quadratic, 450).
 CORRECTION = 30.0
+DEAREST = 10.0  # corrections that a factor is worth at most: large fronts run faster per operation
 # Relative error of a back-solve in single precision above which it is done in double: a body of
 # tissue has 1e-5, one a million times stiffer than its support has 1.
 WORST_SOLVE = 1e-2
@@ -277,7 +278,7 @@ class StaticSolver:
 
     def _impatient(self, outstanding):
         """True if a new factor is cheaper than so many corrections still to come."""
-        worth = self._single.flops_per_entry / CORRECTION
+        worth = min(self._single.flops_per_entry / CORRECTION, DEAREST)
         return outstanding > self.options.patience + worth
 
     def _correction(self, state):

@@ -4,19 +4,25 @@ No tissue solver takes part. A marker follows every pad with a weight that falls
 a little more than in proportion; a pad is pushed back by k q + k2 q^2, part of which relaxes.
 """
 
+from functools import cache
+
 import numpy as np
+import pytest
 
 from arm_brachy.cell import pad_directions
 from arm_brachy.core.scene import Marker, MeshFile, PadPatch, Region, Scene, Target
+from arm_brachy.core.term import Stage
 from arm_brachy.devices.actuator import SimulatedBank
 from arm_brachy.devices.actuator_driver import ActuatorParams
 from arm_brachy.devices.em_tracker import EmTracker, EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensor, ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams, OpticalTracker
+from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.prepared import prepare
+from arm_brachy.diagnosis.structural import structure_of
 from arm_brachy.evaluation.timeseries import EmSamples, OpticalFrames, RunData, Series
 from arm_brachy.offline import with_scene
-from arm_brachy.registry import split
-from arm_brachy.core.term import Stage
+from arm_brachy.registry import parse_terms, split
 
 RADIUS = 0.06     # m
 REACH = 0.03      # m, how far a push is felt
@@ -49,7 +55,7 @@ def make_scene():
                  markers=tuple(markers), targets=targets)
 
 
-def protocol(pads=(0, 1, 2), amplitudes=(4e-3, 8e-3), speeds=(0.004, 0.016), hold=1.0):
+def protocol(pads=(0, 1, 2), amplitudes=(4e-3, 8e-3), speeds=(0.005, 0.02), hold=0.6):
     """Pushes [(q (3,), speed, hold), ...]: single pads out and back, then pairs."""
     moves = []
     for speed in speeds:
@@ -71,17 +77,17 @@ def _there_and_back(q, speed, hold):
 class Laboratory:
     """Runs a protocol and records it; terms of the registry act in the devices."""
 
-    def __init__(self, terms=(), seed=1, *, tick=TICK, relaxing=RELAXING, optical=None, em=None,
-                 force=None, actuators=None, disturb=None):
+    def __init__(self, terms=(), seed=1, *, relaxing=RELAXING, stiffening=STIFFENING,
+                 optical=None, em=None, force=None, disturb=None):
         """disturb : (t, names, points (k, 3)) -> points, what happens to the scene itself."""
-        self.scene, self._tick, self._relaxing = make_scene(), tick, relaxing
+        self.scene, self._relaxing, self._stiffening = make_scene(), relaxing, stiffening
         rng = np.random.default_rng(seed)
         by = split(terms)
         self.directions = pad_directions(self.scene)
         names = tuple(p.name for p in self.scene.pads)
         moving = by[Stage.SETPOINT] + by[Stage.TRANSMISSION] + by[Stage.ENCODER]
         self._bank = SimulatedBank(names, [p.stroke for p in self.scene.pads],
-                                   actuators or ActuatorParams(effort_noise=0.0), moving,
+                                   ActuatorParams(effort_noise=0.0), moving,
                                    rng.spawn(1)[0], homed=True)
         self._markers = tuple(m.name for m in self.scene.markers)
         self._tools = tuple(t.name for t in self.scene.targets)
@@ -111,7 +117,7 @@ class Laboratory:
 
     def push_back(self, pad, dt):
         """(3,) [N]; advances the memory of the material by dt [s]."""
-        elastic = STIFFNESS * pad + STIFFENING * pad ** 2
+        elastic = STIFFNESS * pad + self._stiffening * pad ** 2
         elastic = elastic + 0.1 * (elastic.sum() - elastic)
         self._memory += (elastic - self._memory) * -np.expm1(-dt / MEMORY)
         return elastic - self._relaxing * self._memory
@@ -124,17 +130,17 @@ class Laboratory:
         state, force = self._bank.read(0.0), np.zeros(3)
         before = (0.0, self.points(0.0, state.pad), -force[:, None] * self.directions,
                   self.directions * state.pad[:, None])
-        k, until, queue, pad = 0, rest, list(moves), state.pad
-        while queue or k * self._tick < until - 1e-9:
-            if k * self._tick >= until - 1e-9:
+        k, until, queue = 0, rest, list(moves)
+        while queue or k * TICK < until - 1e-9:
+            if k * TICK >= until - 1e-9:
                 q, speed, hold = queue.pop(0)
                 way = np.abs(q - state.q).max() / speed + 0.2
                 self._bank.move(q, np.full(3, speed))
-                until = k * self._tick + way + (hold if queue else rest)
+                until = k * TICK + way + (hold if queue else rest)
             k += 1
-            t = k * self._tick
+            t = k * TICK
             state = self._bank.read(t, force)
-            force = self.push_back(state.pad, self._tick)
+            force = self.push_back(state.pad, TICK)
             now = (t, self.points(t, state.pad), -force[:, None] * self.directions,
                    self.directions * state.pad[:, None])
             log['t'].append(t)
@@ -174,3 +180,54 @@ class Laboratory:
         return with_scene(run, self.scene)
 
 
+@pytest.fixture(scope='session')
+def laboratory():
+    """The class Laboratory."""
+    return Laboratory
+
+
+@pytest.fixture(scope='session')
+def pushes():
+    """The function `protocol`."""
+    return protocol
+
+
+@pytest.fixture(scope='session')
+def recorded():
+    """(entry of a scenario's terms or None, seed) -> RunData of the whole protocol, kept."""
+
+    @cache
+    def run(entry=None, seed=1):
+        terms = parse_terms([dict(entry)] if entry else [], 'test')
+        return Laboratory(terms, seed).record()
+
+    return lambda entry=None, seed=1: run(_frozen(entry), seed)
+
+
+@pytest.fixture(scope='session')
+def looked_at(recorded):
+    """(entry, seed) -> (Prepared, Structure) of the same recordings, kept."""
+
+    @cache
+    def look(entry, seed):
+        prepared = prepare(evidence_of(recorded(dict(entry) if entry else None, seed),
+                                       make_scene()))
+        return prepared, structure_of(prepared)
+
+    return lambda entry=None, seed=1: look(_frozen(entry), seed)
+
+
+@pytest.fixture(scope='session')
+def look():
+    """RunData -> (Prepared, Structure)."""
+
+    def prepared_and_structure(run):
+        prepared = prepare(evidence_of(run, make_scene()))
+        return prepared, structure_of(prepared)
+
+    return prepared_and_structure
+
+
+def _frozen(entry):
+    return None if entry is None else tuple(
+        (k, tuple(v) if isinstance(v, list) else v) for k, v in entry.items())
