@@ -83,6 +83,11 @@ def test_split_gives_every_stage_its_terms():
     ('viscoelasticity', 'stress_softening'),  # remembered stress softens and drifts along
     ('viscoelasticity', 'stiffness_drift'),
     ('skin_layer', 'base_compliance'),        # a base that is no longer fixed has a skin
+    ('skin_layer', 'base_debond'),
+    ('obstacle', 'base_debond'),              # and no wall is met where it lifts off
+    ('base_debond', 'base_compliance'),       # what is left of the glue yields
+    ('pad_misplacement', 'reference_shape'),  # the mesh slides in the scene's shape
+    ('pad_misplacement', 'inclusion'),        # elements are weighed where they come to lie
 ])
 def test_terms_act_in_an_order_that_makes_sense(first, then):
     names = [term.spec.name for term in registry.TERMS]

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import toeplitz
-from scipy.optimize import nnls
+from scipy.optimize import minimize_scalar, nnls
 from scipy.signal import lfilter
 
 MEDIAN_CHI2 = 0.4549   # median of the square of a standard normal
 LONGEST_LAG = 0.6      # of a stretch: beyond, too few independent pairs
 SIGNIFICANT = 3.0      # standard deviations of a lag correlation under white noise
-TIMES = 24             # correlation times tried
+TIMES = 12             # correlation times tried before the best is refined
 LAGS = 16
 LONGEST_MISFIT = 3.0   # s
 LONGEST_PARABOLA, SHORTEST_PARABOLA = 200, 20   # samples
@@ -180,8 +180,8 @@ def fit_colour(gamma, pairs, lags, period, stretches=()):
 
     gamma, pairs : (m,) pooled over channels of like variance;  lags : (m,) in samples
     stretches : that it was taken over; needed if any of them may still settle
-    Returns (Colour, variance). Weighted least squares with weights pairs / gamma^2 over a grid of
-    correlation times, coefficients not negative. The slow part is dropped if it is not
+    Returns (Colour, variance). Weighted least squares with weights pairs / gamma^2, coefficients
+    not negative, the correlation time searched for. The slow part is dropped if it is not
     significant at the number of independent pairs.
     """
     keep = np.isfinite(gamma) & (pairs > 0) & (gamma > 0.0)
@@ -190,14 +190,16 @@ def fit_colour(gamma, pairs, lags, period, stretches=()):
         return Colour(), 0.0
     root = np.sqrt(np.maximum(pairs / lags, 1.0)) / gamma
     ones = expected_variogram(lags, period, stretches, 0.0)
-    (white,), misfit = nnls((ones * root)[:, None], gamma * root)
-    best = (misfit, white, 0.0, 0.0)
-    for time in np.geomspace(1.5 * period, max(lags[-1], 3) * period, TIMES):
-        slow = expected_variogram(lags, period, stretches, time)
-        coefficients, left = nnls(np.stack([ones, slow], axis=1) * root[:, None], gamma * root)
-        if left < best[0]:
-            best = (left, *coefficients, time)
-    _, white, slow, time = best
+
+    def fitted(log_time):
+        slow = expected_variogram(lags, period, stretches, float(np.exp(log_time)))
+        return nnls(np.stack([ones, slow], axis=1) * root[:, None], gamma * root)
+
+    grid = np.log(np.geomspace(1.5 * period, max(lags[-1], 3) * period, TIMES))
+    best = int(np.argmin([fitted(x)[1] for x in grid]))
+    bounds = grid[max(best - 1, 0)], grid[min(best + 1, TIMES - 1)]
+    x = minimize_scalar(lambda x: fitted(x)[1], bounds=bounds, method='bounded').x
+    (white, slow), time = fitted(x)[0], float(np.exp(x))
     total = white + slow
     if total == 0.0 or slow / total * np.sqrt(pairs[0]) < SIGNIFICANT:
         return Colour(), float(max(total, gamma[0]))

@@ -195,7 +195,7 @@ def _in_order(stream, name, notes):
 def _fit_in(stream, samples, notes):
     span = stream.t[-1] - stream.t[0]
     period = max(1.0 / RATE, span / samples)
-    if period < 1.5 * stream.period or span == 0.0:
+    if len(stream.t) <= samples and period < 1.5 * stream.period or span == 0.0:
         return stream
     notes.append(f'{stream.kind} was averaged from {1.0 / stream.period:.3g} Hz to '
                  f'{1.0 / period:.3g} Hz.')

@@ -1,0 +1,52 @@
+"""The encoders' path as straight pieces."""
+
+import numpy as np
+import pytest
+
+from arm_brachy.core.random import stream
+from arm_brachy.diagnosis.motion import Motion, corners_of
+
+
+def path(t):
+    """Out at 4 mm/s, stand, on at 2 mm/s, stand, home at 8 mm/s [m]."""
+    return np.interp(t, [1.0, 2.0, 3.0, 4.0, 5.0, 5.75], [0.0, 4e-3, 4e-3, 6e-3, 6e-3, 0.0])
+
+
+def test_corners_are_found_where_they_are():
+    t = np.arange(0.0, 7.0, 0.01)
+    q = path(t)[:, None] + 5e-6 * stream(1, 'corners').standard_normal((len(t), 1))
+    corners = corners_of(t, q, 4e-5)
+    for corner in (1, 2, 3, 4, 5, 5.75):
+        assert np.abs(t[corners] - corner).min() <= 0.03
+    assert len(corners) <= 10
+
+
+def test_the_path_departs_by_less_than_the_tolerance():
+    t = np.arange(0.0, 7.0, 0.01)
+    q = np.stack([3e-3 * np.sin(t), 2e-3 * np.cos(2.0 * t)], axis=1)
+    corners = corners_of(t, q, 2e-5)
+    line = np.stack([np.interp(t, t[corners], c[corners]) for c in q.T], axis=1)
+    assert np.abs(line - q).max() <= 2e-5
+    assert len(corners) < 200
+
+
+def test_the_number_of_corners_is_bounded():
+    t = np.arange(0.0, 7.0, 0.001)
+    q = 1e-3 * stream(1, 'rough').standard_normal((len(t), 2))
+    assert len(corners_of(t, q, 0.0, most=50)) <= 52
+
+
+def test_stands_and_ramps():
+    t = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.75, 7.0])
+    motion = Motion(t, path(t)[:, None], 1e-5, 1e-4)
+    assert motion.still.tolist() == [True, False, True, False, True, False, True]
+    assert motion.stills() == ((0.0, 1.0, False), (2.0, 3.0, True), (4.0, 5.0, True),
+                               (5.75, 7.0, False))
+    assert motion.velocity[[1, 3, 5], 0] == pytest.approx([4e-3, 2e-3, -8e-3])
+
+
+def test_a_ramp_goes_on_through_its_acceleration_and_ends_at_a_reversal():
+    t = np.array([0.0, 1.0, 1.1, 2.0, 2.1, 3.0, 4.0])
+    q = 1e-3 * np.array([0.0, 0.0, 0.2, 3.8, 4.0, 0.0, 0.0])
+    phases = Motion(t, q[:, None], 1e-5, 1e-4).phases()
+    assert phases == ((0, 1), (1, 4), (4, 5), (5, 6))

@@ -1,0 +1,108 @@
+"""What the marker on a pad says of its actuator: each cause planted, sized and named."""
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.history import play
+from arm_brachy.diagnosis.pad_travel import COMPLIANCE, DELAY, GAIN, PLAY, pad_travels, push_frame
+from arm_brachy.diagnosis.prepared import prepare
+from arm_brachy.registry import parse_terms
+
+PLANTED = {
+    GAIN: ({'name': 'actuator_gain', 'gain': 0.06, 'actuators': [0]}, 0.06),
+    COMPLIANCE: ({'name': 'actuator_compliance', 'compliance_mm_N': 0.125, 'actuators': [0]},
+                 1.25e-4),
+    PLAY: ({'name': 'backlash', 'width_mm': 0.25, 'actuators': [0]}, 2.5e-4),
+    DELAY: ({'name': 'clock_offset', 'stream': 'optical', 'delay_ms': 20.0}, 0.02),
+}
+
+
+@pytest.mark.parametrize('cause', PLANTED)
+def test_a_cause_is_found_alone_and_in_size(looked_at, cause):
+    entry, value = PLANTED[cause]
+    one = next(p for p in looked_at(entry)[1].pads if p.pad == 'pad_0')
+    found, sd = one.causes[cause]
+    assert found == pytest.approx(value, rel=0.05) and abs(found - value) < 4.0 * sd
+    others = {c: abs(v) / s for c, (v, s) in one.causes.items() if c != cause}
+    assert all(z < 4.0 for z in others.values()), others
+    assert not one.steps and one.rivals.get(cause, ()) == ()
+
+
+def test_the_other_pads_stay_sound(looked_at):
+    for cause in (GAIN, COMPLIANCE, PLAY):
+        for one in looked_at(PLANTED[cause][0])[1].pads:
+            if one.pad != 'pad_0':
+                assert all(abs(v) < 4.0 * sd for v, sd in one.causes.values())
+
+
+def test_sound_pads_have_no_cause(looked_at):
+    pads = looked_at()[1].pads
+    assert [one.pad for one in pads] == ['pad_0', 'pad_1', 'pad_2']
+    for one in pads:
+        assert all(abs(v) < 4.0 * sd for v, sd in one.all.values())
+        assert np.all(np.abs(one.tilt) < 4.0 * one.tilt_sd) and not one.steps
+
+
+def one_push(laboratory, entry):
+    """One pad, one speed, in and out once, tissue whose force is in proportion to the push."""
+    lab = laboratory(parse_terms([entry], 'test'), 3, relaxing=0.0, stiffening=0.0)
+    run = lab.record([(np.array([6e-3, 0.0, 0.0]), 0.005, 2.0)])
+    prepared = prepare(evidence_of(run, lab.scene))
+    one, = pad_travels(prepared.evidence, prepared.noise['optical'], prepared.motion.touch,
+                       alarm=1e-5)
+    return one
+
+
+@pytest.mark.parametrize('entry', [
+    {'name': 'actuator_gain', 'gain': -0.06, 'actuators': [0]},
+    {'name': 'actuator_compliance', 'compliance_mm_N': 0.2, 'actuators': [0]}])
+def test_one_push_cannot_tell_gain_from_compliance(laboratory, entry):
+    """Where the force is in proportion to the push, -c F = -c k u is a gain of -c k."""
+    one = one_push(laboratory, entry)
+    (named, (_, sd)), = [(c, v) for c, v in one.causes.items() if c in (GAIN, COMPLIANCE)]
+    assert {named, *one.rivals[named]} == {GAIN, COMPLIANCE} and sd > 0.0
+
+
+def test_gain_and_play_together(laboratory, pushes):
+    lab = laboratory(parse_terms([PLANTED[GAIN][0], PLANTED[PLAY][0]], 'test'), 4)
+    prepared = prepare(evidence_of(lab.record(pushes(pads=(0,))), lab.scene))
+    one, = pad_travels(prepared.evidence, prepared.noise['optical'], prepared.motion.touch,
+                       alarm=1e-5)
+    # the play comes after the gain on the way to the pad
+    assert one.causes[GAIN][0] == pytest.approx(0.06, rel=0.05)
+    assert one.causes[PLAY][0] == pytest.approx(2.5e-4, rel=0.08)
+
+
+def test_a_tilted_push_is_measured(laboratory):
+    lab = laboratory((), 5)
+    frame = push_frame(lab.directions[0])
+    rest = np.array([m.position for m in lab.scene.markers])
+    k = [m.name for m in lab.scene.markers].index('pad_0')
+
+    def tilted(t, names, points):
+        out = points.copy()
+        out[k] += 0.05 * ((points[k] - rest[k]) @ frame[0]) * frame[1]
+        return out
+
+    bent = laboratory((), 5, disturb=tilted)
+    prepared = prepare(evidence_of(bent.record([(np.array([8e-3, 0, 0]), 0.01, 0.5)]), lab.scene))
+    one, = pad_travels(prepared.evidence, prepared.noise['optical'], prepared.motion.touch,
+                       alarm=1e-5)
+    assert one.tilt == pytest.approx([0.05, 0.0], abs=0.005)
+
+
+@pytest.mark.parametrize('axis', [(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.6, 0.0, -0.8)])
+def test_the_frame_of_a_push_is_a_rotation_with_up_nearest_to_z(axis):
+    frame = push_frame(np.array(axis))
+    assert np.allclose(frame @ frame.T, np.eye(3)) and np.linalg.det(frame) == pytest.approx(1.0)
+    if abs(axis[2]) < 0.9:
+        assert frame[1, 2] == pytest.approx(np.sqrt(1.0 - axis[2] ** 2))
+
+
+def test_play_of_a_triangle():
+    """In by 3, out by 3, play of 1: stands for the first 1 of either way."""
+    q = np.concatenate([np.linspace(0, 3, 31), np.linspace(3, 0, 31)[1:]])
+    y = play(q, 1.0)
+    assert y[10] == 0.0 and y[30] == pytest.approx(2.0) and y[40] == pytest.approx(2.0)
+    assert y[-1] == 0.0
