@@ -121,12 +121,17 @@ def refuse_other_shape(name, streams, scene):
         return
     misfit = float(np.sqrt(np.mean(left ** 2)))
     if misfit > MISSHAPEN * size:
-        worst = [stream.names[i] for i in np.argsort(-left)[:2]]
+        one, two = (int(i) for i in np.argsort(-left)[:2])
+        worst = stream.names[one], stream.names[two]
+        found[[one, two]] = found[[two, one]]
+        if np.sqrt(np.mean(fit_rigid(found, stream.rest).residual ** 2)) < MISSHAPEN * size:
+            raise RecordingError(f'{name}: the markers fit scene {scene.name} only with the names '
+                                 f'of {worst[0]} and {worst[1]} exchanged; mend the import')
         raise RecordingError(
             f'{name}: at rest the markers miss those of scene {scene.name} by {1e3 * misfit:.3g} '
             f'mm rms after the best rigid fit, {100.0 * misfit / size:.0f} % of their spread, at '
             f'most {100.0 * MISSHAPEN:.0f} % is a deformation; most at {worst[0]} and {worst[1]}: '
-            'give the scene it was made with, or mend exchanged names')
+            'give the scene it was made with')
 
 
 def _unpushed(streams):

@@ -71,8 +71,8 @@ class Colour:
     def whiten(self, period, columns):
         """Innovations of unit variance of the columns (n, ...), `period` [s] apart.
 
-        A linear filter, for regressors and data alike. It takes the past as zero: the first
-        sample then counts with the weight of an innovation, which is too much for slow noise.
+        A linear filter, for regressors and data alike. It takes the past as zero and known, which
+        makes too much of the first samples of slow noise: see regression.whitened.
         """
         columns = np.asarray(columns, dtype=float)
         if self.share == 0.0:

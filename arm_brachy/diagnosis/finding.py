@@ -8,6 +8,7 @@ from scipy.stats import chi2
 from arm_brachy.core.quantity import quantity
 
 ALARM = 1e-3   # probability of a false finding in a recording without faults, all tests together
+CERTAIN = 38.0  # z whose tail is the smallest number there is: for what is seen, not estimated
 
 
 @dataclass(frozen=True)

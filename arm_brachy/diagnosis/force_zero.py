@@ -3,72 +3,122 @@
 import numpy as np
 
 from arm_brachy.diagnosis.finding import Finding, sigma, threshold
-from arm_brachy.diagnosis.history import MEMORIES, memories, moving
-from arm_brachy.diagnosis.regression import regress
-from arm_brachy.diagnosis.stream import FORCE
+from arm_brachy.diagnosis.history import MEMORIES, memories
+from arm_brachy.diagnosis.stream import ENCODER, FORCE
 
 SETTLED = 0.2    # s after a motion before a sample counts as unloaded
-FEWEST = 100     # unloaded samples
+FEWEST = 4       # rests: two make a line, the others tell how well it fits
+SHORTEST = 10    # samples of a rest
 TESTS = 2        # zero and drift
 
 
 def force_findings(prepared, jumps=()):
-    """Findings about the zero of every pad's force sensor, from the times without a push.
+    """Findings about the zero of every pad's force sensor, from the rests between pushes.
 
     jumps : times [s] of sudden events, after which the force at rest may be another
-    What the tissue remembers of earlier pushes is fitted beside it (exponential memories), so that
-    recovery is no drift.
-    Test: diagnosis/structural/test_force_zero.py
+    The mean force of every rest is fitted by a zero, a drift and, if that is asked for, by what
+    the tissue under this pad remembers of its pushes, so that recovery is no drift. The scatter of
+    the rests about the fit, pooled over the pads, counts as noise: sensors wander from rest to
+    rest by more than they do within one.
+    Test: diagnosis/structural/test_force.py
     """
     force = prepared.evidence.get(FORCE)
     if force is None or prepared.motion is None:
         return ()
-    rows = unloaded(prepared, force.t)
-    if rows.sum() < FEWEST:
+    rests = _rests(prepared, force)
+    if len(rests) < FEWEST:
         return ()
-    t, (tt, q) = force.t, prepared.travel
-    pads = moving(q, prepared.motion.touch)
-    columns = {'zero': np.ones(len(t)), 'drift': t - t[0]}
-    for time in MEMORIES[1:]:
-        past = memories(t, tt, q[:, pads] / float(np.ptp(q)), time)
-        columns |= {f'm{i}_{time}': past[:, j] for j, i in enumerate(pads)}
-    columns |= {f'jump {time}': (t >= time).astype(float) for time in jumps}
-    noise, out = prepared.noise[FORCE], []
-    for k, pad in enumerate(force.names):
-        valid = rows & force.valid[:, k]
-        if valid.sum() >= FEWEST:
-            fit = regress(t, force.values[:, k], columns, valid, noise.colour, noise.sd[k])
-            out += _findings(prepared, pad, fit, t, TESTS * len(force.names))
-    return tuple(out)
-
-
-def _findings(prepared, pad, fit, t, tests):
-    limit, span, found = threshold(tests, 3), (float(t[0]), float(t[-1])), []
-    rate, rate_sd = fit.of('drift')
-    z = sigma(rate, rate_sd, prepared.calibration.force_drift)
-    drifts = z > limit
-    if drifts:
-        found.append(Finding(
-            FORCE, pad, 'force_drift', 'rate', rate, 'N/s', rate_sd, z, *span,
-            f'The force on {pad} drifts by {60.0 * np.linalg.norm(rate):.2f} N a minute while '
-            'nothing pushes.', rivals=('swelling_drift',),
-            parameters={'rate': tuple(rate), 'pads': (pad,)}))
-    zero, zero_sd = fit.of('zero')
-    z = sigma(zero, zero_sd, prepared.calibration.force_zero)
-    if z > limit:
-        found.append(Finding(
-            FORCE, pad, 'force_drift', 'bias', zero, 'N', zero_sd, z, *span,
-            f'The force on {pad} reads {np.linalg.norm(zero):.2f} N at the start while nothing '
-            'pushes.', rivals=('actuator_gain',),
-            parameters={'rate': (0.0, 0.0, 0.0), 'bias': tuple(zero), 'pads': (pad,)}))
-    return found
+    t = np.array([force.t[rows].mean() for rows in rests])
+    fits = [_fit(prepared, force, k, rests, t, jumps) for k in range(len(force.names))]
+    scatter = _scatter(fits)
+    return tuple(found for pad, fit in zip(force.names, fits, strict=True) if fit is not None
+                 for found in _findings(prepared, pad, fit, scatter, force.t))
 
 
 def unloaded(prepared, t):
     """(n,) True where no pad pushes and none has moved for a while."""
     rows = np.zeros(len(t), dtype=bool)
-    for start, end, pushed in prepared.motion.stills():
-        if not pushed:
-            first = start if start == prepared.motion.t[0] else start + SETTLED
-            rows |= (t >= first) & (t <= end)
+    for first, last in _spans(prepared):
+        rows |= (t >= first) & (t <= last)
     return rows
+
+
+def _spans(prepared):
+    begin = prepared.motion.t[0]
+    return [(start if start == begin else start + SETTLED, end)
+            for start, end, pushed in prepared.motion.stills() if not pushed]
+
+
+def _rests(prepared, force):
+    """Row numbers of the samples of every rest that is long enough."""
+    found = [np.flatnonzero((force.t >= first) & (force.t <= last))
+             for first, last in _spans(prepared)]
+    return [rows for rows in found if len(rows) >= SHORTEST]
+
+
+def _fit(prepared, force, k, rests, t, jumps):
+    """(coefficients (c, 3), covariance per unit scatter (c, c), misfit (r, 3), degrees of freedom)
+    of one pad, zero and drift first; None with too few rests.
+    """
+    seen = [i for i, rows in enumerate(rests) if force.valid[rows, k].sum() >= SHORTEST]
+    if len(seen) < FEWEST:
+        return None
+    y = np.array([np.nanmean(force.values[rests[i], k], axis=0) for i in seen])
+    fixed = [np.ones(len(seen)), t[seen] - force.t[0]]
+    fixed += [(t[seen] >= time).astype(float) for time in jumps]
+    best = None
+    for extra in [[], *([column] for column in _recovery(prepared, force, k, rests, seen))]:
+        X = np.stack([*fixed, *extra], axis=1)
+        if np.linalg.matrix_rank(X) < X.shape[1] or len(seen) <= X.shape[1] + 1:
+            continue
+        covariance = np.linalg.inv(X.T @ X)
+        beta = covariance @ (X.T @ y)
+        left, dof = y - X @ beta, len(seen) - X.shape[1]
+        score = 3 * len(seen) * np.log(max(np.sum(left ** 2), 1e-30)) + 3 * X.shape[1] * np.log(
+            len(seen))
+        if best is None or score < best[0]:
+            best = score, beta, covariance, left, dof
+    return None if best is None else best[1:]
+
+
+def _recovery(prepared, force, k, rests, seen):
+    """Mean over every rest of what is remembered of this pad's push, one column per memory."""
+    (tt, q), names = prepared.travel, prepared.evidence.get(ENCODER).names
+    if force.names[k] not in names:
+        return []
+    u = q[:, [names.index(force.names[k])]]
+    if np.ptp(u) <= prepared.motion.touch:
+        return []
+    past = [memories(force.t, tt, u / np.ptp(u), time)[:, 0] for time in MEMORIES[1:]]
+    return [np.array([column[rests[i]].mean() for i in seen]) for column in past]
+
+
+def _scatter(fits):
+    """(3,) standard deviation of rests about their fits, pooled over the pads."""
+    known = [fit for fit in fits if fit is not None]
+    total = sum((np.sum(left ** 2, axis=0) for _, _, left, _ in known), np.zeros(3))
+    return np.sqrt(total / max(sum(dof for *_, dof in known), 1))
+
+
+def _findings(prepared, pad, fit, scatter, t):
+    beta, covariance, _, _ = fit
+    calibration, tests = prepared.calibration, TESTS * len(prepared.evidence.pads)
+    limit, span = threshold(tests, 3), (float(t[0]), float(t[-1]))
+    zero_sd, rate_sd = (scatter * np.sqrt(covariance[i, i]) for i in (0, 1))
+    zero, rate = beta[0], beta[1]
+    out = []
+    z = sigma(rate, rate_sd, calibration.force_drift)
+    if z > limit:
+        out.append(Finding(
+            FORCE, pad, 'force_drift', 'rate', rate, 'N/s', rate_sd, z, *span,
+            f'The force on {pad} drifts by {60.0 * np.linalg.norm(rate):.2f} N a minute while '
+            'nothing pushes.', rivals=('swelling_drift',),
+            parameters={'rate': tuple(rate), 'pads': (pad,)}))
+    z = sigma(zero, zero_sd, calibration.force_zero)
+    if z > limit:
+        out.append(Finding(
+            FORCE, pad, 'force_drift', 'bias', zero, 'N', zero_sd, z, *span,
+            f'The force on {pad} reads {np.linalg.norm(zero):.2f} N at the start while nothing '
+            'pushes.', rivals=('actuator_gain',),
+            parameters={'rate': (0.0, 0.0, 0.0), 'bias': tuple(zero), 'pads': (pad,)}))
+    return out

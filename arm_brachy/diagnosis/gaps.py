@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from arm_brachy.diagnosis.finding import ALARM, Finding
+from arm_brachy.diagnosis.finding import ALARM, CERTAIN, Finding
 from arm_brachy.diagnosis.stream import ENCODER, UNITS
 
 LONGEST_GAP = 5.0      # s without a value, while the stream goes on
@@ -33,7 +33,7 @@ def _gaps(stream, k, name):
     worst = int(np.argmax(steps))
     if steps[worst] <= LONGEST_GAP and share >= LEAST_SEEN:
         return []
-    return [Finding(stream.kind, name, None, '', float(steps[worst]), 's', 0.0, np.inf,
+    return [Finding(stream.kind, name, None, '', float(steps[worst]), 's', 0.0, CERTAIN,
                     float(edges[worst]), float(edges[worst + 1]),
                     f'{name} ({stream.kind}) was seen in {100.0 * share:.0f} % of the samples; '
                     f'its longest gap is {steps[worst]:.1f} s.')]
@@ -56,6 +56,6 @@ def _frozen(stream, k, name):
     if length < LEAST_REPEATS or len(rows) * usual ** length > ALARM:
         return []
     t0, t1 = float(stream.t[rows[starts[worst]]]), float(stream.t[rows[ends[worst]]])
-    return [Finding(stream.kind, name, None, '', t1 - t0, 's', 0.0, np.inf, t0, t1,
+    return [Finding(stream.kind, name, None, '', t1 - t0, 's', 0.0, CERTAIN, t0, t1,
                     f'{name} ({stream.kind}) does not change for {t1 - t0:.2f} s, from {t0:.2f} s '
                     f'on: its last value in {UNITS[stream.kind]} was held.', onset=(t0, t0))]

@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular, toeplitz
 
 BLOCK = 1.0         # s: errors further apart than this count as independent
 FEWEST_BLOCKS = 3   # per parameter, for standard errors from blocks
+FORGOTTEN = 7.0     # time constants of the whitening filter
 ALMOST = 1e-10      # of the largest singular value: below, columns are linearly dependent
 
 
@@ -60,12 +62,18 @@ def bridged(t, y, valid, columns):
 def whitened(t, columns, colour, valid):
     """Columns (n, k) through the whitening filter of `colour`, rows that are not valid zeroed.
 
-    The first row has no past: its variance is that of the noise, not of an innovation.
+    The filter takes what was before the first row as known; the first rows are therefore whitened
+    with their covariance matrix, until the filter has forgotten its start.
     """
     period = float(np.median(np.diff(t)))
-    out = np.where(valid[:, None], colour.whiten(period, columns), 0.0)
-    out[0] *= colour.innovation(period)[0]
-    return out
+    out = colour.whiten(period, columns)
+    _, m = colour.innovation(period)
+    if colour.share > 0.0:
+        n = min(len(t), 1 + int(np.ceil(FORGOTTEN / max(-np.log(max(m, 1e-300)), 1e-2))))
+        lag = period * np.arange(n)
+        C = toeplitz(np.concatenate([[1.0], colour.correlation(lag[1:])]))
+        out[:n] = solve_triangular(np.linalg.cholesky(C), columns[:n], lower=True)
+    return np.where(valid[:, None], out, 0.0)
 
 
 def regress(t, y, columns, valid, colour, sd):

@@ -11,7 +11,7 @@ from arm_brachy.diagnosis.colour import residual_colour
 from arm_brachy.diagnosis.finding import ALARM, Finding, threshold
 from arm_brachy.diagnosis.force_zero import unloaded
 from arm_brachy.diagnosis.history import drift_columns, history_columns
-from arm_brachy.diagnosis.regression import bridged
+from arm_brachy.diagnosis.regression import bridged, regress
 from arm_brachy.diagnosis.stream import BASE, OPTICAL, TISSUE, thinned
 
 SLOWEST_CYCLES = 4.0    # in the recording: fewer are a drift
@@ -57,25 +57,28 @@ def rhythm(t, series, sd, columns, colour):
         return None
     Q = np.linalg.qr(colour.whiten(period, columns))[0]
     Y = colour.whiten(period, series / sd)
-    frequency, fall, waves = _spectrum(period, colour, Q, Y - Q @ (Q.T @ Y), low, high)
+    frequency, fall = _spectrum(period, colour, Q, Y - Q @ (Q.T @ Y), low, high)
     total = fall.sum(axis=1)
     around = median_filter(total, size=2 * AROUND * FINENESS + 1, mode='nearest')
     total = total / np.maximum(around / chi2.median(dof), 1.0)
     best = int(np.argmax(total))
-    shift = 2.0 * np.pi * frequency[best] * t[0]    # phases from time 0, not from the first sample
-    turn = np.array([[np.cos(shift), -np.sin(shift)], [np.sin(shift), np.cos(shift)]])
-    cosine, sine = turn @ waves[best] * sd
+    phase = 2.0 * np.pi * frequency[best] * t
+    named = {str(i): c for i, c in enumerate(columns.T)}
+    fit = regress(t, series, named | {'cosine': np.cos(phase), 'sine': np.sin(phase)},
+                  np.ones(len(t), dtype=bool), colour, sd)
     chance = min(1.0, (high - low) * span * chi2.sf(total[best], dof))
     # error of the frequency of a sinusoid in white noise, Rife & Boorstyn 1974, IEEE IT 20:591
     error = np.sqrt(6.0) / (np.pi * span * np.sqrt(max(total[best], 1.0)))
-    return Rhythm(float(frequency[best]), float(error), cosine, sine, float(chance))
+    return Rhythm(float(frequency[best]), float(error), fit.value[-2], fit.value[-1],
+                  float(chance))
 
 
 def _spectrum(period, colour, Q, Y, low, high):
-    """Frequencies (m,), falls of chi^2 (m, s), and cosine and sine parts (m, 2, s) in units of sd.
+    """Frequencies (m,) and, about, the falls of chi^2 (m, s) by a wave at each.
 
     Inner products with whitened waves are Fourier transforms of the data sent backwards through
     the whitening filter; what the regressors (n, p), orthonormal, take of the waves is subtracted.
+    How the filter starts is left out, which matters little against many periods.
     """
     n = len(Y)
     size = next_fast_len(FINENESS * n)
@@ -88,7 +91,7 @@ def _spectrum(period, colour, Q, Y, low, high):
     response = np.abs(np.fft.rfft(colour.whiten(period, np.eye(1, n)[0]), size)[keep]) ** 2
     gram = 0.5 * n * response[:, None, None] * np.eye(2) - A @ A.transpose(0, 2, 1)
     waves = np.linalg.solve(gram, match)
-    return frequency[keep], np.sum(match * waves, axis=1), waves
+    return frequency[keep], np.sum(match * waves, axis=1)
 
 
 def rhythm_findings(prepared, travel, late, jumps=()):

@@ -7,6 +7,8 @@ Arrays: x (n, 3); conn (m, a); G (m, q, a, 3); w, mu, kappa (m, q) as the points
 
 Element loops are compiled for the numbers of nodes and points of an element: constant bounds let
 the compiler unroll and vectorise. Kernels are told in `element_forces`, `element_stiffness`.
+No fastmath, not even fused multiply-add: a function just compiled and the same one loaded from
+numba's cache would then differ in the last bit.
 """
 
 from functools import cache
@@ -14,12 +16,12 @@ from functools import cache
 import numpy as np
 from numba import njit, prange
 
-from arm_brachy.tissue.material import FUSED, inverse_transpose, stress_kernel, tangent_vectors
+from arm_brachy.tissue.material import inverse_transpose, stress_kernel, tangent_vectors
 
 CHUNK = 64  # elements that share one set of work arrays
 
 
-@njit(cache=True, error_model='numpy', fastmath=FUSED)
+@njit(cache=True, error_model='numpy')
 def deformation_gradient(x, nodes, G, F):
     """Write F = sum_a x_a (x) dN_a/dX into `F` (3, 3) and return I1 = tr(F' F)."""
     I1 = 0.0
@@ -41,7 +43,7 @@ def element_forces(a, q):
     nodal forces dU/dx (m, a, 3) and smallest J (m,) of every element; where J <= 0 the energy is
     inf and the forces lack that point's share.
     """
-    @njit(cache=True, parallel=True, error_model='numpy', fastmath=FUSED)
+    @njit(cache=True, parallel=True, error_model='numpy')
     def loop(x, conn, G, w, mu, kappa, shear, beyond, S, energy, force, min_J):
         m = conn.shape[0]
         for chunk in prange((m + CHUNK - 1) // CHUNK):
@@ -83,7 +85,7 @@ def element_stiffness(a, q):
     """
     n = 3 * a
 
-    @njit(cache=True, parallel=True, error_model='numpy', fastmath=FUSED)
+    @njit(cache=True, parallel=True, error_model='numpy')
     def loop(x, conn, G, w, mu, kappa, shear, beyond, S, convex, out):
         m = conn.shape[0]
         for chunk in prange((m + CHUNK - 1) // CHUNK):
@@ -102,7 +104,7 @@ def element_stiffness(a, q):
     return loop
 
 
-@njit(cache=True, error_model='numpy', fastmath=FUSED, inline='always')
+@njit(cache=True, error_model='numpy', inline='always')
 def add_dyads(a, q, vectors, swap, bundle, sums):
     """Sum the dyads of `material.tangent_vectors` over q points.
 
@@ -126,7 +128,7 @@ def add_dyads(a, q, vectors, swap, bundle, sums):
                     sums[0, r, c] += bundle[p] * vectors[p, 5, r] * vectors[p, 5, c]
 
 
-@njit(cache=True, error_model='numpy', fastmath=FUSED, inline='always')
+@njit(cache=True, error_model='numpy', inline='always')
 def write_blocks(a, q, G, vectors, sums, out):
     """Put the sums of `add_dyads` together as blocks `out` (a (a + 1) / 2, 3, 3); G (q, a, 3)."""
     block = 0

@@ -80,10 +80,6 @@ def tangent(F, mu, kappa):
             + (2.0 / 9.0 * scale * I1 + kappa * J * (2.0 * J - 1.0)) * np.outer(g, g))
 
 
-# Multiply-add in one rounding: the results stay the same from run to run.
-FUSED = {'contract'}
-
-
 @njit(cache=True, error_model='numpy')
 def inverse_transpose(F, out):
     """Write F^-T (3, 3) into `out` and return J = det F; `out` is meaningless if J is 0."""
@@ -100,7 +96,7 @@ def inverse_transpose(F, out):
     return J
 
 
-@njit(cache=True, error_model='numpy', fastmath=FUSED)
+@njit(cache=True, error_model='numpy')
 def stress_kernel(F, inv_T, J, I1, mu, kappa, shear, beyond, w, S, P):
     """Twin of `energy` and `stress`: write w (P(F) + F S) (3, 3) into `P`.
 
@@ -131,7 +127,7 @@ def stress_kernel(F, inv_T, J, I1, mu, kappa, shear, beyond, w, S, P):
     return 0.5 * (stored + added)
 
 
-@njit(cache=True, error_model='numpy', fastmath=FUSED)
+@njit(cache=True, error_model='numpy')
 def _along(F, beyond):
     """I4 = |F a0|^2."""
     total = 0.0
@@ -141,7 +137,7 @@ def _along(F, beyond):
     return total
 
 
-@njit(cache=True, error_model='numpy', fastmath=FUSED)
+@njit(cache=True, error_model='numpy')
 def tangent_vectors(G, F, inv_T, J, I1, mu, kappa, shear, beyond, w, S, convex, out):
     """Twin of `tangent`, contracted with shape gradients G (a, 3): what element stiffness sums.
 

@@ -69,6 +69,13 @@ def protocol(pads=(0, 1, 2), amplitudes=(4e-3, 8e-3), speeds=(0.005, 0.02), hold
     return moves
 
 
+def short_protocol():
+    """Every pad once, two pairs, fast: 20 s."""
+    one = np.eye(3)
+    return [leg for q in (8e-3 * one[0], 6e-3 * one[1], 4e-3 * one[2], 4e-3 * (one[0] + one[1]),
+                          6e-3 * (one[1] + one[2])) for leg in _there_and_back(q, 0.02, 0.5)]
+
+
 def _there_and_back(q, speed, hold):
     return [(q, speed, hold), (0.5 * q, speed, 0.5 * hold), (q, speed, 0.5 * hold),
             (np.zeros(3), speed, hold)]
@@ -193,13 +200,19 @@ def pushes():
 
 
 @pytest.fixture(scope='session')
+def short_pushes():
+    """The function `short_protocol`."""
+    return short_protocol
+
+
+@pytest.fixture(scope='session')
 def recorded():
-    """(entry of a scenario's terms or None, seed) -> RunData of the whole protocol, kept."""
+    """(entry of a scenario's terms or None, seed) -> RunData of `short_pushes`, kept."""
 
     @cache
     def run(entry=None, seed=1):
         terms = parse_terms([dict(entry)] if entry else [], 'test')
-        return Laboratory(terms, seed).record()
+        return Laboratory(terms, seed).record(short_protocol())
 
     return lambda entry=None, seed=1: run(_frozen(entry), seed)
 

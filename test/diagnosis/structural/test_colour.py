@@ -70,7 +70,7 @@ def test_white_noise_is_called_white():
 
 
 def test_creep_in_short_stretches_is_not_noise():
-    """Stretches of a second that relax by twenty sigma: differences within a fifth of one as without.
+    """Stretches of a second that relax by twenty sigma: as without, over a fifth of a second.
 
     How slow noise is beyond, a parabola that was taken out hardly tells.
     """

@@ -38,7 +38,7 @@ def same(one, other):
 
 
 def test_truth_changes_nothing(run, scene):
-    """A recording that holds the truth, and a wrong one, gives the same Evidence as one without."""
+    """A recording that holds a truth, even a wrong one, gives the same Evidence as one without."""
     n = len(run.encoder)
     loud = replace(run, truth={t.name: Series(run.encoder.t, np.full((n, 3), 9.9))
                                for t in scene.targets},

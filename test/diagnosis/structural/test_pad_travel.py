@@ -1,5 +1,7 @@
 """What the marker on a pad says of its actuator: each cause planted, sized and named."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -18,10 +20,28 @@ PLANTED = {
 }
 
 
+def travels(run, scene):
+    prepared = prepare(evidence_of(run, scene))
+    return pad_travels(prepared.evidence, prepared.noise['optical'], prepared.motion.touch,
+                       alarm=1e-5)
+
+
+@pytest.fixture(scope='module')
+def planted(recorded, laboratory):
+    """cause, or None for none -> PadTravel of every pad."""
+    scene = laboratory().scene
+
+    @cache
+    def pads(cause):
+        return travels(recorded(PLANTED[cause][0] if cause else None), scene)
+
+    return pads
+
+
 @pytest.mark.parametrize('cause', PLANTED)
-def test_a_cause_is_found_alone_and_in_size(looked_at, cause):
-    entry, value = PLANTED[cause]
-    one = next(p for p in looked_at(entry)[1].pads if p.pad == 'pad_0')
+def test_a_cause_is_found_alone_and_in_size(planted, cause):
+    value = PLANTED[cause][1]
+    one = next(p for p in planted(cause) if p.pad == 'pad_0')
     found, sd = one.causes[cause]
     assert found == pytest.approx(value, rel=0.05) and abs(found - value) < 4.0 * sd
     others = {c: abs(v) / s for c, (v, s) in one.causes.items() if c != cause}
@@ -29,15 +49,15 @@ def test_a_cause_is_found_alone_and_in_size(looked_at, cause):
     assert not one.steps and one.rivals.get(cause, ()) == ()
 
 
-def test_the_other_pads_stay_sound(looked_at):
+def test_the_other_pads_stay_sound(planted):
     for cause in (GAIN, COMPLIANCE, PLAY):
-        for one in looked_at(PLANTED[cause][0])[1].pads:
+        for one in planted(cause):
             if one.pad != 'pad_0':
                 assert all(abs(v) < 4.0 * sd for v, sd in one.causes.values())
 
 
-def test_sound_pads_have_no_cause(looked_at):
-    pads = looked_at()[1].pads
+def test_sound_pads_have_no_cause(planted):
+    pads = planted(None)
     assert [one.pad for one in pads] == ['pad_0', 'pad_1', 'pad_2']
     for one in pads:
         assert all(abs(v) < 4.0 * sd for v, sd in one.all.values())
@@ -47,10 +67,7 @@ def test_sound_pads_have_no_cause(looked_at):
 def one_push(laboratory, entry):
     """One pad, one speed, in and out once, tissue whose force is in proportion to the push."""
     lab = laboratory(parse_terms([entry], 'test'), 3, relaxing=0.0, stiffening=0.0)
-    run = lab.record([(np.array([6e-3, 0.0, 0.0]), 0.005, 2.0)])
-    prepared = prepare(evidence_of(run, lab.scene))
-    one, = pad_travels(prepared.evidence, prepared.noise['optical'], prepared.motion.touch,
-                       alarm=1e-5)
+    one, = travels(lab.record([(np.array([6e-3, 0.0, 0.0]), 0.005, 2.0)]), lab.scene)
     return one
 
 
@@ -66,9 +83,7 @@ def test_one_push_cannot_tell_gain_from_compliance(laboratory, entry):
 
 def test_gain_and_play_together(laboratory, pushes):
     lab = laboratory(parse_terms([PLANTED[GAIN][0], PLANTED[PLAY][0]], 'test'), 4)
-    prepared = prepare(evidence_of(lab.record(pushes(pads=(0,))), lab.scene))
-    one, = pad_travels(prepared.evidence, prepared.noise['optical'], prepared.motion.touch,
-                       alarm=1e-5)
+    one, = travels(lab.record(pushes(pads=(0,))), lab.scene)
     # the play comes after the gain on the way to the pad
     assert one.causes[GAIN][0] == pytest.approx(0.06, rel=0.05)
     assert one.causes[PLAY][0] == pytest.approx(2.5e-4, rel=0.08)
@@ -86,9 +101,7 @@ def test_a_tilted_push_is_measured(laboratory):
         return out
 
     bent = laboratory((), 5, disturb=tilted)
-    prepared = prepare(evidence_of(bent.record([(np.array([8e-3, 0, 0]), 0.01, 0.5)]), lab.scene))
-    one, = pad_travels(prepared.evidence, prepared.noise['optical'], prepared.motion.touch,
-                       alarm=1e-5)
+    one, = travels(bent.record([(np.array([8e-3, 0, 0]), 0.01, 0.5)]), lab.scene)
     assert one.tilt == pytest.approx([0.05, 0.0], abs=0.005)
 
 

@@ -124,7 +124,8 @@ def test_ramps_are_seen_on_their_straight_parts(states, prepared):
     moving = states.labels.direction != 0
     assert moving.sum() > 20
     travel = np.ptp(prepared.motion.q, axis=0).max()
-    assert np.all(states.width[moving] * states.labels.speed[moving] <= 0.11 * travel + 0.04 * 0.02)
+    covered = states.width[moving] * states.labels.speed[moving]
+    assert np.all(covered <= 0.11 * travel + 0.04 * 0.02)
 
 
 def test_the_path_runs_through_corners_and_states(states, prepared):
@@ -138,7 +139,7 @@ def test_the_path_runs_through_corners_and_states(states, prepared):
 
 def test_hundreds_of_pushes_keep_to_the_budget():
     t, q = [0.0], [0.0]
-    for k in range(400):
+    for _ in range(400):
         for wait, to in ((1.0, 0.0), (0.5, 5e-3), (1.0, 5e-3), (0.5, 0.0)):
             t.append(t[-1] + wait)
             q.append(to)

@@ -1,0 +1,78 @@
+"""How late a stream is against the encoders: planted delays, and what must not look like one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.clocks import lateness
+from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.history import history_columns, memories
+from arm_brachy.diagnosis.prepared import prepare
+from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL, TISSUE
+
+PADS = ('pad_0', 'pad_1', 'pad_2')
+STREAMS = {'pad markers': (OPTICAL, PADS), 'tissue markers': (OPTICAL, (TISSUE,)),
+           'em': (EM, (TISSUE,)), 'force': (FORCE, PADS)}
+
+
+@pytest.fixture(scope='module')
+def prepared(recorded, laboratory):
+    return prepare(evidence_of(recorded(), laboratory().scene))
+
+
+def late(prepared, name, shift=0.0):
+    kind, bodies = STREAMS[name]
+    stream, noise = prepared.on(kind, *bodies)
+    return lateness(replace(stream, t=stream.t + shift), prepared.travel, prepared.motion.touch,
+                    noise, memory=name != 'pad markers')
+
+
+@pytest.mark.parametrize('name', STREAMS)
+def test_a_stream_in_time_is_not_late(prepared, name):
+    """Half of what a calibration leaves (2 ms); the force relaxes with a memory of 1.5 s."""
+    found = late(prepared, name)
+    assert abs(found.value) < 1e-3 + 3.0 * found.sd
+
+
+@pytest.mark.parametrize('name', STREAMS)
+@pytest.mark.parametrize('shift', [0.02, -0.035])
+def test_a_shift_of_the_stamps_is_measured(prepared, name, shift):
+    """Against the same stream before the shift, noise and all."""
+    assert late(prepared, name, shift).value - late(prepared, name).value == pytest.approx(
+        shift, abs=0.05 * abs(shift) + 2e-4)
+
+
+def test_errors_are_honest(laboratory, pushes):
+    """Pad markers of six recordings: estimates scatter as they say."""
+    z = []
+    for seed in range(6):
+        lab = laboratory((), 40 + seed)
+        prepared = prepare(evidence_of(lab.record(pushes(pads=(0, 1), speeds=(0.02,))), lab.scene))
+        found = late(prepared, 'pad markers')
+        z.append(found.value / found.sd)
+    assert np.sqrt(np.mean(np.square(z))) < 2.0
+
+
+def test_what_does_not_follow_the_pads_is_not_asked(prepared):
+    stream, noise = prepared.on(OPTICAL, 'base')
+    assert lateness(stream, prepared.travel, prepared.motion.touch, noise) is None
+
+
+def test_memories_solve_their_equation():
+    """time m' + m = u for a ramp that stops, written down."""
+    tt = np.array([0.0, 1.0, 2.0, 6.0])
+    u = np.array([0.0, 0.0, 1.0, 1.0])[:, None]
+    t, time = np.linspace(0.0, 6.0, 50), 0.8
+    ramp, after = np.clip(t - 1.0, 0.0, 1.0), np.clip(t - 2.0, 0.0, None)
+    at_end = 1.0 - time * (1.0 - np.exp(-1.0 / time))
+    exact = np.where(t < 2.0, ramp - time * (1.0 - np.exp(-ramp / time)),
+                     1.0 + (at_end - 1.0) * np.exp(-after / time))
+    assert np.allclose(memories(t, tt, u, time)[:, 0], exact, atol=2e-4)
+
+
+def test_only_pads_that_push_have_regressors():
+    tt = np.linspace(0.0, 5.0, 100)
+    q = np.stack([4e-3 * np.sin(tt) ** 2, 1e-6 * tt, 2e-3 * np.sin(tt) ** 2], axis=1)
+    columns = history_columns(tt, (tt, q), 1e-4, memory=False)
+    assert set(columns) == {'q0^1', 'q0^2', 'q0^3', 'q2^1', 'q2^2', 'q2^3', 'q0q2'}

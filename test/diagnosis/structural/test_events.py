@@ -1,0 +1,84 @@
+"""What jumped, together with what: the cause of a sudden step."""
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.events import events_of
+from arm_brachy.registry import parse_terms
+
+ONSET = 9.0
+
+
+@pytest.fixture(scope='module')
+def happened(laboratory, short_pushes, look):
+    """(terms, disturb) -> Finding each."""
+
+    def record(*entries, disturb=None, seed=21):
+        lab = laboratory(parse_terms(list(entries), 'test'), seed, disturb=disturb)
+        return look(lab.record(short_pushes()))[1].findings
+
+    return record
+
+
+def test_a_tissue_marker_that_slips(happened):
+    found, = happened({'name': 'marker_slip', 'marker': 'tissue_5', 'onset_s': ONSET,
+                       'offset_mm': [0.0, 0.8, 0.0]})
+    assert (found.term, found.channel) == ('marker_slip', 'tissue_5')
+    assert found.onset[0] <= ONSET + 0.01 and found.onset[1] >= ONSET - 0.01
+    assert found.t_start == pytest.approx(ONSET, abs=0.02)
+    assert found.value == pytest.approx([0.0, 8e-4, 0.0], abs=8e-5)
+
+
+def test_a_base_marker_that_slips_is_not_the_base_that_moves(happened):
+    found, = happened({'name': 'marker_slip', 'marker': 'base_1', 'onset_s': ONSET,
+                       'offset_mm': [0.8, 0.0, 0.0]})
+    assert (found.term, found.channel) == ('marker_slip', 'base_1')
+
+
+def test_lost_steps_move_the_pad_and_what_follows_it(happened):
+    found, = happened({'name': 'lost_steps', 'shortfall_mm': 0.6, 'onset_s': ONSET,
+                       'actuators': [2]})
+    assert found.term == 'lost_steps' and found.rivals == ()
+    assert found.value == pytest.approx(6e-4, rel=0.05)
+    assert found.parameters['actuators'] == (2,)
+    assert found.parameters['onset'] == pytest.approx(ONSET, abs=0.03)
+
+
+def test_a_pad_marker_that_slips_along_the_push_moves_nothing_else(happened, laboratory):
+    along = -8e-4 * laboratory().directions[1]
+    found, = happened({'name': 'marker_slip', 'marker': 'pad_1', 'onset_s': ONSET,
+                       'offset_mm': (1e3 * along).tolist()})
+    assert (found.term, found.channel, found.rivals) == ('marker_slip', 'pad_1', ())
+    assert found.parameters['offset'] == pytest.approx(tuple(along), abs=3e-5)
+
+
+def test_a_knock_moves_all_markers(happened):
+    def knock(t, names, points):
+        return points + (t > ONSET) * np.array([3e-4, 0.0, 1e-4])
+
+    found, = happened(disturb=knock)
+    assert found.term is None and found.channel == '' and 'knocked' in found.statement
+    assert found.value == pytest.approx([3e-4, 0.0, 1e-4], abs=5e-5)
+
+
+def test_a_touch_moves_some_markers_and_lets_go(happened):
+    def touch(t, names, points):
+        pushed = np.array([name in ('tissue_3', 'tissue_4', 'tissue_5') for name in names])
+        return points + ((ONSET < t < ONSET + 4.0) * pushed)[:, None] * [0.0, 5e-4, 0.0]
+
+    found = happened(disturb=touch)
+    assert sorted(round(f.t_start) for f in found) == [9, 13]
+    assert all(f.term is None and 'external_force' in f.rivals for f in found)
+
+
+def test_a_tenth_of_the_typical_size_is_named_rightly_or_not_at_all(happened):
+    for entry in ({'name': 'lost_steps', 'shortfall_mm': 0.06, 'onset_s': ONSET,
+                   'actuators': [2]},
+                  {'name': 'marker_slip', 'marker': 'tissue_5', 'onset_s': ONSET,
+                   'offset_mm': [0.0, 0.08, 0.0]}):
+        for found in happened(entry):
+            assert entry['name'] in (found.term, *found.rivals)
+
+
+def test_nothing_jumps_no_event():
+    assert events_of((), 20) == ()

@@ -1,0 +1,65 @@
+"""Zero, drift and scale of the force sensors, without a model of the tissue."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.force_balance import balance_findings
+from arm_brachy.diagnosis.force_zero import force_findings
+from arm_brachy.diagnosis.prepared import prepare
+from arm_brachy.evaluation.timeseries import Series
+from arm_brachy.registry import parse_terms
+
+
+@pytest.fixture(scope='module')
+def record(laboratory, pushes):
+    def run(*entries, seed=31, **changes):
+        lab = laboratory(parse_terms(list(entries), 'test'), seed, **changes)
+        return lab.record(pushes(speeds=(0.02,))), lab.scene
+    return run
+
+
+def test_a_drift_is_found_and_shared_by_no_other_pad(record):
+    run, scene = record({'name': 'force_drift', 'rate_N_min': [0.0, 0.5, 0.0],
+                         'pads': ['pad_1']})
+    found, = force_findings(prepare(evidence_of(run, scene)))
+    assert (found.term, found.parameter, found.channel) == ('force_drift', 'rate', 'pad_1')
+    assert found.value == pytest.approx([0.0, 0.5 / 60.0, 0.0], abs=0.1 * 0.5 / 60.0)
+
+
+def test_a_wrong_zero_is_found(record):
+    run, scene = record({'name': 'force_drift', 'rate_N_min': [0, 0, 0],
+                         'bias_N': [0.3, 0.0, 0.0], 'pads': ['pad_2']})
+    found, = force_findings(prepare(evidence_of(run, scene)))
+    assert (found.parameter, found.channel) == ('bias', 'pad_2')
+    assert found.value == pytest.approx([0.3, 0.0, 0.0], abs=0.03)
+
+
+@pytest.mark.parametrize('relaxing', [0.0, 0.5])
+def test_recovery_of_the_tissue_is_no_drift(record, relaxing):
+    """Half of the force relaxes with 1.5 s; after a push the pads are pulled."""
+    run, scene = record(relaxing=relaxing)
+    assert force_findings(prepare(evidence_of(run, scene))) == ()
+
+
+def with_balance(run, gains=(1.0, 1.0, 1.0)):
+    """A balance under the base that feels what the true pad forces do, and a weight of 5 N."""
+    base = -(run.force.values / np.array(gains)[:, None]).sum(axis=1) + [0.0, 0.0, -5.0]
+    base += 0.02 * np.random.default_rng(1).standard_normal(base.shape)
+    values = np.concatenate([run.force.values, base[:, None]], axis=1)
+    return replace(run, force=Series(run.force.t, values), force_pads=(*run.force_pads, 'base'))
+
+
+def test_the_balance_tells_which_sensor_has_the_wrong_scale(record):
+    run, scene = record({'name': 'force_gain', 'gain': 0.15, 'pads': ['pad_0']})
+    found, = balance_findings(prepare(evidence_of(with_balance(run, (1.15, 1.0, 1.0)), scene)))
+    assert (found.term, found.channel) == ('force_gain', 'pad_0')
+    assert found.value == pytest.approx(0.15, rel=0.1)
+
+
+def test_a_balance_that_agrees_finds_nothing(record):
+    run, scene = record()
+    assert balance_findings(prepare(evidence_of(with_balance(run), scene))) == ()
+    assert balance_findings(prepare(evidence_of(run, scene))) == ()

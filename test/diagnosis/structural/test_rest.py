@@ -1,0 +1,171 @@
+"""Rest against the scene, the base, rhythms, silence: what trackers and bench do by themselves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from arm_brachy.core.errors import RecordingError
+from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.prepared import prepare, rigid_motion
+from arm_brachy.diagnosis.registration import register
+from arm_brachy.diagnosis.rest_pose import exchanged_findings
+from arm_brachy.registry import parse_terms
+
+
+@pytest.fixture(scope='module')
+def happened(laboratory, short_pushes, look):
+    """(terms, disturb, change of the RunData, moves) -> Finding each."""
+
+    def record(*entries, disturb=None, change=lambda run: run, moves=None, seed=51):
+        lab = laboratory(parse_terms(list(entries), 'test'), seed, disturb=disturb)
+        return look(change(lab.record(moves or short_pushes())))[1].findings
+
+    return record
+
+
+def test_a_shift_of_the_em_tracker(happened):
+    found, = happened({'name': 'em_offset', 'offset_mm': [1.2, 0.0, -0.6]})
+    assert found.term == 'em_offset' and 'reference_shape' in found.rivals
+    assert found.value == pytest.approx([1.2e-3, 0.0, -0.6e-3], abs=1e-4)
+
+
+def test_a_stretch_of_the_em_tracker(happened):
+    found, = happened({'name': 'em_distortion', 'gradient_mm_per_mm': 0.1})
+    assert found.term == 'em_distortion' and found.value == pytest.approx(0.1, rel=0.1)
+
+
+def test_a_scale_of_the_optical_tracker_shows_on_pads_and_base(happened):
+    found, = happened({'name': 'optical_scale', 'scale': 0.012})
+    assert found.term == 'optical_scale' and found.value == pytest.approx(0.012, rel=0.15)
+
+
+def test_the_same_gain_of_all_actuators_leaves_the_base_as_it_is(happened):
+    found, = happened({'name': 'actuator_gain', 'gain': 0.06})
+    assert found.term == 'actuator_gain' and 'optical_scale' not in found.rivals
+    assert found.parameters == {'gain': pytest.approx(0.06, rel=0.05), 'actuators': ()}
+
+
+def test_a_pad_beside_its_place(happened):
+    def aside(t, names, points):
+        return points + np.array([n == 'pad_2' for n in names])[:, None] * [0.0, 0.0, 3e-3]
+
+    found, = happened(disturb=aside)
+    assert found.term == 'pad_misplacement' and found.channel == 'pad_2'
+    assert found.parameters['up'] > 2e-3
+
+
+def exchanged(one, two):
+    def change(run):
+        ids = list(run.optical.ids)
+        i, j = ids.index(one), ids.index(two)
+        ids[i], ids[j] = ids[j], ids[i]
+        return replace(run, optical=replace(run.optical, ids=tuple(ids)))
+    return change
+
+
+def test_exchanged_names_of_neighbours(laboratory):
+    """Two markers 8 mm apart: too near for the shape of all markers to be refused."""
+    lab = laboratory((), 53)
+    run = lab.record([(np.array([6e-3, 0, 0]), 0.02, 0.5)])
+    beside = np.array([0.0, 0.0, 8e-3])
+    i, j = (run.optical.ids.index(name) for name in ('tissue_4', 'tissue_5'))
+    points = run.optical.points.copy()
+    points[:, j] = points[:, i] + beside
+    place = next(m for m in lab.scene.markers if m.name == 'tissue_4').position
+    scene = replace(lab.scene, markers=tuple(
+        replace(m, position=tuple(place + beside)) if m.name == 'tissue_5' else m
+        for m in lab.scene.markers))
+    near = replace(run, optical=replace(run.optical, points=points))
+    assert exchanged_findings(prepare(evidence_of(near, scene))) == ()
+    found, = exchanged_findings(prepare(evidence_of(exchanged('tissue_4', 'tissue_5')(near),
+                                                    scene)))
+    assert {'tissue_4', 'tissue_5'} <= set(found.statement.replace(' and ', ' ').split())
+
+
+def test_exchanged_names_far_apart_are_refused(happened):
+    with pytest.raises(RecordingError, match='tissue_(0|6) and tissue_(0|6) exchanged'):
+        happened(change=exchanged('tissue_0', 'tissue_6'))
+
+
+@pytest.mark.parametrize('body', ['base', 'tissue'])
+def test_breathing(happened, pushes, body):
+    """0.4 mm, 0.23 Hz, of all that is on the base, or of the tissue alone."""
+    def breathe(t, names, points):
+        moved = [body == 'base' or not n.startswith(('base', 'pad')) for n in names]
+        z = 4e-4 * np.sin(2.0 * np.pi * 0.23 * t + 0.5)
+        return points + np.array(moved)[:, None] * [0.0, 0.0, z]
+
+    told = happened(disturb=breathe, moves=pushes(speeds=(0.02,)))
+    found, = [f for f in told if f.term == 'breathing']
+    assert found.channel == body and found.value == pytest.approx(4e-4, rel=0.15)
+    p = found.parameters
+    assert p['frequency'] == pytest.approx(0.23, abs=0.005)
+    wave = p['amplitude'] * np.sin(p['phase']) * p['direction'][2]
+    assert wave == pytest.approx(4e-4 * np.sin(0.5), abs=1e-4)
+
+
+def test_a_base_that_gives_way_under_load(happened, laboratory):
+    direction = laboratory().directions[0]
+
+    def give(t, names, points):
+        travel = (points[list(names).index('pad_0')]
+                  - laboratory().scene.markers[0].position) @ direction
+        based = np.array([n.startswith('base') for n in names])
+        return points + based[:, None] * 0.05 * travel * direction
+
+    found, = happened(disturb=give)
+    assert found.channel == 'base' and 'pad_0 pushes' in found.statement
+    assert found.value == pytest.approx(0.05 * 8e-3 * direction, abs=5e-5)
+
+
+def test_a_tracker_that_drifts_is_no_marker_that_slips(happened):
+    def drift(t, names, points):
+        return points + 1e-5 * t * np.array([1.0, 0.0, 0.0])
+
+    found, = happened(disturb=drift)
+    assert found.term is None and 'drift' in found.statement
+
+
+def test_long_gaps_and_frozen_values(happened):
+    def spoil(run):
+        points, visible = run.optical.points.copy(), run.optical.visible.copy()
+        k, late = run.optical.ids.index('tissue_7'), run.optical.t > 6.0
+        visible[late & (run.optical.t < 12.5), k] = False
+        force = run.force.values.copy()
+        held = (run.force.t > 10.0) & (run.force.t < 10.4)
+        force[held, 1] = force[np.argmax(held), 1]
+        return replace(run, optical=replace(run.optical, points=points, visible=visible),
+                       force=replace(run.force, values=force))
+
+    found = {f.channel: f for f in happened(change=spoil)}
+    assert set(found) == {'tissue_7', 'pad_1'}
+    assert found['tissue_7'].value == pytest.approx(6.5, abs=0.3)
+    assert found['pad_1'].t_start == pytest.approx(10.0, abs=0.05)
+    assert 'does not change for 0.3' in found['pad_1'].statement
+
+
+def test_registration_leaves_a_knocked_marker_out(laboratory):
+    """A rotated tracker, and a base marker 8 mm off: the others still give the rotation."""
+    lab = laboratory((), 52)
+    run = lab.record([(np.array([6e-3, 0, 0]), 0.02, 0.5)])
+    a = np.radians(3.0)
+    R = np.array([[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
+    points = (run.optical.points - [0.1, 0.2, 0.3]) @ R
+    points[:, run.optical.ids.index('base_1')] += [0.0, 0.008, 0.0]
+    evidence = evidence_of(replace(run, optical=replace(run.optical, points=points)), lab.scene)
+    found = register(evidence, 3e-4)
+    assert 'base_1' not in found.on and len(found.on) == 5
+    assert np.allclose(found.R, R, atol=5e-3)
+    world = prepare(evidence).evidence.get('optical')
+    assert np.allclose(world.values[50, :3], run.optical.points[50, :3], atol=6e-4)
+
+
+def test_rigid_motion_of_points_is_recovered():
+    rng = np.random.default_rng(2)
+    rest = rng.standard_normal((5, 3)) * 0.05
+    turn, shift = np.array([1e-3, -2e-3, 5e-4]), np.array([1e-3, 2e-3, -3e-3])
+    moved = shift + np.cross(turn, rest - rest.mean(axis=0))
+    motion, left, lever = rigid_motion(rest, moved[None], np.ones((1, 5), dtype=bool))
+    assert motion[0] == pytest.approx([*shift, *(lever * turn)], abs=1e-12)
+    assert np.abs(left).max() < 1e-12
