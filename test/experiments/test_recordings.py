@@ -64,9 +64,10 @@ def test_quadratic_model_rings_and_sags_as_beam_theory_says(beams):
         assert scene.element == 'quadratic' and scene.material.nu == pytest.approx(0.499)
         body = build_body(scene)
         frequency, sag = silicone_beam.beam_theory(scene)
-        # Theory leaves shear out of the frequency (5 % too high), and the clamp's hold on the
-        # section and large turns out of the sag.
-        assert silicone_beam.first_frequency(body) == pytest.approx(frequency, rel=0.05)
+        # Theory leaves shear out of the frequency (5 % too high; and elements with one volume
+        # constraint bend 0.5 % too easily with three cells across: half of verification's 1 % for
+        # two, by the root), and the clamp's hold on the section and large turns out of the sag.
+        assert -0.06 < silicone_beam.first_frequency(body) / frequency - 1.0 < 0.0
         assert silicone_beam.tip_sag(scene, body) == pytest.approx(sag, rel=0.12)
 
 
