@@ -21,7 +21,7 @@ def base_findings(prepared, events=()):
     events : events.Event each; a base marker that jumped alone is left out, jumps that all made
         are fitted beside the rest
     Of a body without pads any motion of the base counts.
-    Test: diagnosis/structural/test_base_motion.py
+    Test: diagnosis/structural/test_rest.py
     """
     stream, noise = prepared.on(OPTICAL, BASE)
     if stream is None or stream.t[-1] - stream.t[0] < SHORTEST:

@@ -8,6 +8,7 @@ from scipy.stats import chi2
 from arm_brachy.core.quantity import quantity
 
 ALARM = 1e-3   # probability of a false finding in a recording without faults, all tests together
+ALIKE = 3.0    # standard deviations within which two estimates are one
 CERTAIN = 38.0  # z whose tail is the smallest number there is: for what is seen, not estimated
 
 
@@ -88,3 +89,16 @@ def sigma(value, sd, slack=0.0):
     """
     both = np.sqrt(np.square(sd) + slack ** 2)
     return float(np.sqrt(np.sum(np.square(np.asarray(value) / both))))
+
+
+def weighted_mean(estimates, slack=0.0):
+    """Mean of (value, sd) pairs by their errors and `slack` together; (value, sd)."""
+    values, errors = (np.array(x) for x in zip(*estimates, strict=True))
+    weight = 1.0 / (errors ** 2 + slack ** 2)
+    return float(np.sum(weight * values) / weight.sum()), float(weight.sum() ** -0.5)
+
+
+def alike(estimates, slack=0.0):
+    """True if (value, sd) pairs agree with their mean within errors and `slack`."""
+    mean, _ = weighted_mean(estimates, slack)
+    return all(sigma(value - mean, sd, slack) < ALIKE for value, sd in estimates)

@@ -19,7 +19,7 @@ def balance_findings(prepared):
     constant. The base force is regressed on the pads' forces axis by axis: a pad whose coefficient
     departs from that of the others reads wrong, all alike is the scale of the balance.
     Needs two pads that push and the wrench of a balance under the base.
-    Test: diagnosis/structural/test_force_balance.py
+    Test: diagnosis/structural/test_force.py
     """
     base, force = prepared.evidence.base_force, prepared.evidence.get(FORCE)
     if base is None or force is None or len(force.names) < 2:

@@ -14,7 +14,7 @@ def gap_findings(prepared):
     """Findings about channels that were not seen for long, or often, or that froze.
 
     Encoders stand still rightly and are left out of the search for frozen values.
-    Test: diagnosis/structural/test_gaps.py
+    Test: diagnosis/structural/test_rest.py
     """
     found = []
     for kind, stream in prepared.evidence.streams.items():

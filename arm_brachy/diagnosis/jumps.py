@@ -38,7 +38,7 @@ def jumps(prepared, travel, late, *, alarm):
     Forces may remember; of positions under given pushes a tissue alike everywhere remembers
     nothing, and what does is left to the noise that the steps have to exceed.
     Not for bodies without pads, whose free motion follows nothing that was recorded.
-    Test: diagnosis/structural/test_jumps.py
+    Test: diagnosis/structural/test_events.py
     """
     found = []
     for kind, bodies in ((OPTICAL, (BASE, TISSUE)), (EM, (TISSUE,)),

@@ -45,7 +45,7 @@ def em_findings(prepared):
 
     Needs a time before the first push. With three tools or more a shift and a stretch about the
     scene origin can be told apart; with fewer they are rivals.
-    Test: diagnosis/structural/test_rest_pose.py
+    Test: diagnosis/structural/test_rest.py
     """
     em, registration = prepared.evidence.get(EM), prepared.registration
     span = registration.span if registration is not None else None

@@ -100,7 +100,7 @@ def rhythm_findings(prepared, travel, late, jumps=()):
     travel : (t, q (m, p));  late : [s] of the optical clock;  jumps : times [s] of sudden events
     What a repeated protocol leaves unexplained is periodic too: the motion has to be there while
     nothing pushes as well, with the same frequency and half the amplitude or more.
-    Test: diagnosis/structural/test_rhythm.py
+    Test: diagnosis/structural/test_rest.py
     """
     out = []
     for body in (BASE, TISSUE):

@@ -1,0 +1,108 @@
+"""What the markers on the pads say against actuators and tracker, weighed against each other."""
+
+import numpy as np
+
+from arm_brachy.diagnosis.finding import (
+    ALIKE,
+    Finding,
+    alike,
+    sigma,
+    threshold,
+    weighted_mean,
+)
+from arm_brachy.diagnosis.history import play
+from arm_brachy.diagnosis.pad_travel import COMPLIANCE, GAIN, PLAY
+from arm_brachy.diagnosis.rest_pose import base_scale
+from arm_brachy.diagnosis.stream import ENCODER, OPTICAL
+
+# cause -> term, parameter, SI unit
+TERMS = {GAIN: ('actuator_gain', 'gain', '1'),
+         COMPLIANCE: ('actuator_compliance', 'compliance', 'm/N'),
+         PLAY: ('backlash', 'width', 'm')}
+
+
+def played(prepared, pads):
+    """(t, q (m, p)): the pads' travel by their encoders, less the play that markers prove."""
+    t, q = prepared.travel
+    q, names = q.copy(), prepared.evidence.get(ENCODER).names
+    for one in pads:
+        width, sd = one.causes.get(PLAY, (0.0, 1.0))
+        if width > 0.0 and sigma(width, sd, prepared.calibration.play) > threshold(len(pads)):
+            i = names.index(one.pad)
+            q[:, i] = play(q[:, i], width)
+    return t, q
+
+
+def actuator_findings(prepared, pads):
+    """Findings about actuators, from the markers on the pads.
+
+    A gain that all pads share is weighed against the scale of the tracker, which the distances on
+    the base tell; a motion across the push is a direction that the scene has wrong.
+    """
+    slack = {GAIN: prepared.calibration.gain, COMPLIANCE: prepared.calibration.compliance,
+             PLAY: prepared.calibration.play}
+    limit = threshold(len(pads) * len(slack))
+    out, gains = [], {}
+    for one in pads:
+        for cause, (value, sd) in one.causes.items():
+            z = sigma(value, sd, slack[cause]) if cause in slack else 0.0
+            if cause == GAIN:
+                gains[one.marker] = (one, value, sd, z)
+            elif z > limit:
+                out.append(_actuator(prepared, one, cause, value, sd, z))
+        out += _tilt(prepared, one, len(pads))
+    return (*out, *_gain_findings(prepared, gains, pads, limit))
+
+
+def _actuator(prepared, one, cause, value, sd, z, more=()):
+    term, parameter, unit = TERMS[cause]
+    shown = {GAIN: f'{100.0 * value:.1f} % of its travel', PLAY: f'{1e3 * value:.2f} mm of play',
+             COMPLIANCE: f'{1e3 * value:.3f} mm of yield per newton'}[cause]
+    rivals = tuple(TERMS[c][0] for c in one.rivals.get(cause, ()) if c in TERMS) + tuple(more)
+    return Finding(ENCODER, one.pad, term, parameter, value, unit, sd, z,
+                   *map(float, prepared.evidence.span),
+                   f'The marker on {one.pad} departs from the encoder by {shown}.', rivals,
+                   parameters={
+                       parameter: value, 'actuators': (prepared.evidence.pads.index(one.pad),)})
+
+
+def _gain_findings(prepared, gains, pads, limit):
+    """Gains of single pads are their actuators'; one that all share may be the tracker's scale."""
+    strong = [g for g in gains.values() if g[3] > limit]
+    common = len({one.pad for one in pads}) > 1 and len(gains) == len(pads) and alike(
+        [(value, sd) for _, value, sd, _ in gains.values()], prepared.calibration.gain)
+    if not common:
+        return [_actuator(prepared, g[0], GAIN, *g[1:]) for g in strong]
+    mean, sd = weighted_mean([(value, sd) for _, value, sd, _ in gains.values()],
+                     prepared.calibration.gain)
+    base = base_scale(prepared)
+    if base is None:
+        rivals = ('optical_scale',)
+        return [_actuator(prepared, g[0], GAIN, *g[1:], more=rivals) for g in strong]
+    if abs(base.value - mean) > ALIKE * np.hypot(base.sd, sd):
+        return [_actuator(prepared, g[0], GAIN, *g[1:]) for g in strong]
+    scale, sd = weighted_mean([(mean, sd), (base.value, base.sd)])
+    z = sigma(scale, sd, prepared.calibration.scale)
+    if z <= threshold(1):
+        return []
+    told = sigma(base.value, base.sd) > ALIKE
+    return [Finding(OPTICAL, '', 'optical_scale', 'scale', scale, '1', sd, z,
+                    *map(float, prepared.evidence.span),
+                    f'Every pad travels {100.0 * mean:+.2f} % against its encoder and the '
+                    f'distances on the base are {100.0 * base.value:+.2f} % off: the scale of the '
+                    'tracker.',
+                    () if told else ('actuator_gain',), parameters={'scale': scale})]
+
+
+def _tilt(prepared, one, tests):
+    """A push that goes another way than the scene says."""
+    z = sigma(one.tilt, one.tilt_sd, prepared.calibration.direction)
+    if z <= threshold(tests, 2):
+        return []
+    up, side = np.arctan(one.tilt)
+    return [Finding(OPTICAL, one.marker, 'pad_misplacement', 'tilt_up', float(up), 'rad',
+                    float(one.tilt_sd[0]), z, *map(float, prepared.evidence.span),
+                    f'The marker on {one.pad} moves {np.degrees(np.hypot(up, side)):.1f} deg '
+                    'aside of the push direction in the scene.',
+                    parameters={'tilt_up': float(up), 'tilt_side': float(side),
+                                'pads': (one.pad,)})]

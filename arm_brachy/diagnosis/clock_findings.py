@@ -1,0 +1,44 @@
+"""Whose clock is off: every stream's lateness against the encoders, weighed together."""
+
+from arm_brachy.diagnosis.clocks import lateness
+from arm_brachy.diagnosis.finding import Finding, alike, sigma, threshold
+from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL, TISSUE
+
+
+def clocks_of(prepared, pads, travel):
+    """kind -> Lateness of every stream that follows the pads.
+
+    Markers on pads are rigid and decide over the optical clock; without them tissue does.
+    """
+    found = {}
+    for kind, bodies in ((OPTICAL, prepared.evidence.pads), (OPTICAL, (TISSUE,)),
+                         (EM, (TISSUE,)), (FORCE, prepared.evidence.pads)):
+        stream, noise = prepared.on(kind, *bodies)
+        if stream is not None and kind not in found:
+            one = lateness(stream, travel, prepared.motion.touch, noise,
+                           memory=not (kind == OPTICAL and pads))
+            if one is not None:
+                found[kind] = one
+    return found
+
+
+def clock_findings(prepared, clocks):
+    """One finding per stream that is late; if all of them are alike, the encoders may be early."""
+    slack, limit = prepared.calibration.clock, threshold(3)
+    odd = {k: c for k, c in clocks.items() if sigma(c.value, c.sd, slack) > limit}
+    common = bool(odd) and len(odd) == len(clocks) and alike(
+        [(one.value, one.sd) for one in odd.values()], slack)
+    out = []
+    for kind, one in odd.items():
+        rivals = ('actuator_lag',) if common else ()
+        if kind == FORCE:
+            rivals += ('viscoelasticity',)
+        stream = prepared.evidence.get(kind)
+        late = 'late' if one.value > 0.0 else 'early'
+        out.append(Finding(
+            kind, '', 'clock_offset', 'delay', one.value, 's', one.sd,
+            sigma(one.value, one.sd, slack), float(stream.t[0]), float(stream.t[-1]),
+            f'The stamps of {kind} are {abs(one.value) * 1e3:.1f} ms {late} against the '
+            'encoders' + (', as are those of every other stream.' if common else '.'), rivals,
+            parameters={'stream': kind, 'delay': one.value}))
+    return tuple(out)
