@@ -28,7 +28,12 @@ from arm_brachy.tissue.surface import read_surface
 FLATTEST = 0.1
 ON_RIM = 1e-6        # of the radius: a node this close to a disc's cylinder is on it
 PLUG_SIDES = 48      # of the prism that stands for a disc's cylinder while meshing
+ATTEMPTS = 4         # of the mesher; one in ten has been seen to fail
 RIM_POINTS = 96      # of the polyline that distances to a rim are taken from
+
+
+class FlatElement(MeshError):
+    """An element is too flat, or turned inside out."""
 
 
 def rim(mesh, patch):
@@ -120,9 +125,18 @@ def mesh_with_discs(source, patches, *, edge_length, envelope, depth, unit='mm')
     depth : [m] how far the cylinder of a disc is followed into the body
     Returns TetMesh in metres, rim nodes exactly on the cylinder and on the surface.
     The mesher gets the body and, standing in it, a prism for each disc; what it makes outside the
-    body is dropped. It is not deterministic (see `meshing`): keep the mesh, do not remake it.
-    Raises MeshError for a bad surface, or if an element comes out flatter than FLATTEST.
+    body is dropped. It is not deterministic (see `meshing`): keep the mesh, do not remake it. For
+    the same reason it is asked again, ATTEMPTS times in all, if rim nodes crush an element.
+    Raises MeshError for a bad surface, or if an element is still flatter than FLATTEST.
     """
+    for _ in range(ATTEMPTS - 1):
+        with contextlib.suppress(FlatElement):
+            return _with_discs(source, patches, edge_length, envelope, depth, unit)
+    return _with_discs(source, patches, edge_length, envelope, depth, unit)
+
+
+def _with_discs(source, patches, edge_length, envelope, depth, unit):
+    """One attempt of `mesh_with_discs`."""
     surface, _ = read_surface(source, unit=unit)
     parts = [surface, *(_plug(patch, depth) for patch in patches)]
     together = trimesh.util.concatenate(parts)
@@ -184,8 +198,8 @@ def not_flat(mesh):
     """Return a TetMesh; raise MeshError if an element is flatter (mean ratio) than FLATTEST."""
     worst = mean_ratio(mesh)
     if worst.min() < FLATTEST:
-        raise MeshError(f'element {worst.argmin()} has mean ratio {worst.min():.3f}; must be at '
-                        f'least {FLATTEST:g}; start from another mesh or another size')
+        raise FlatElement(f'element {worst.argmin()} has mean ratio {worst.min():.3f}; must be at '
+                          f'least {FLATTEST:g}; start from another mesh or another size')
     return mesh
 
 
