@@ -16,9 +16,9 @@ MEDIAN_CHI2 = 0.4549    # of a squared standard normal
 
 
 def refuse_empty(name, streams):
-    """Raise RecordingError if no stream was recorded."""
-    if not streams:
-        raise RecordingError(f'{name}: holds no encoders, forces, markers or EM tools; record '
+    """Raise RecordingError if no stream was recorded that a model could be held against."""
+    if not set(streams) - {ENCODER}:
+        raise RecordingError(f'{name}: holds no forces, markers or EM tools that live; record '
                              'actuators/state and at least one of optical/markers, em/.../pose, '
                              'force/.../wrench')
 

@@ -83,7 +83,8 @@ def evidence_of(run, scene, *, samples=SAMPLES):
     notes = []
     base = _base_force(run)
     run = with_scene(run, scene)
-    found = [_encoder(run), _force(run), _optical(run, scene, notes), _em(run, scene, notes)]
+    found = [_encoder(run), _force(run, notes), _optical(run, scene, notes),
+             _em(run, scene, notes)]
     streams = {s.kind: _fit_in(_in_order(s, run.name, notes), samples, notes)
                for s in found if s is not None}
     checks.refuse_empty(run.name, streams)
@@ -107,12 +108,13 @@ def _encoder(run):
                   np.zeros((len(run.encoder_pads), 1)))
 
 
-def _force(run):
+def _force(run, notes):
     if run.force is None or not run.force_pads:
         return None
     values = np.array(run.force.values, dtype=float)
-    return Stream(FORCE, run.force.t, run.force_pads, values, np.isfinite(values).all(axis=2),
-                  run.force_pads, np.zeros((len(run.force_pads), 3)))
+    stream = Stream(FORCE, run.force.t, run.force_pads, values, np.isfinite(values).all(axis=2),
+                    run.force_pads, np.zeros((len(run.force_pads), 3)))
+    return _seen(stream, 'force on', notes)
 
 
 def _base_force(run):
@@ -167,14 +169,22 @@ def _known(what, name, given, wanted, scene, notes):
 
 
 def _seen(stream, what, notes):
-    """The channels that were seen often enough; None if there is none."""
-    counts = stream.valid.sum(axis=0)
-    for name, count in zip(stream.names, counts, strict=True):
+    """Channels that were seen often enough and are alive, frames that hold any; None if none."""
+    kept = []
+    for k, (name, count) in enumerate(zip(stream.names, stream.valid.sum(axis=0), strict=True)):
         if count < FEWEST:
             often = 'never seen' if count == 0 else f'seen {count} times only'
             notes.append(f'{what} {name} was {often} and is left out.')
-    kept = np.flatnonzero(counts >= FEWEST)
-    return stream.channels(kept) if len(kept) else None
+        elif not np.ptp(stream.values[stream.valid[:, k], k], axis=0).any():
+            notes.append(f'{what} {name} never changes, not even by noise, and is left out.')
+        else:
+            kept.append(k)
+    if not kept:
+        return None
+    stream = stream.channels(kept)
+    rows = stream.valid.any(axis=1)
+    return stream if rows.all() else replace(stream, t=stream.t[rows], values=stream.values[rows],
+                                             valid=stream.valid[rows])
 
 
 def _in_order(stream, name, notes):

@@ -23,8 +23,9 @@ def force_findings(prepared, jumps=()):
     Test: diagnosis/structural/test_force.py
     """
     force = prepared.evidence.get(FORCE)
-    if force is None or prepared.motion is None:
-        return ()
+    if force is None or prepared.motion is None or (
+            prepared.motion.q[0] > prepared.motion.touch).any():
+        return ()   # what was pushed before the recording is still remembered
     rests = _rests(prepared, force)
     if len(rests) < FEWEST:
         return ()

@@ -16,13 +16,26 @@ def gap_findings(prepared):
     Encoders stand still rightly and are left out of the search for frozen values.
     Test: diagnosis/structural/test_rest.py
     """
-    found = []
-    for kind, stream in prepared.evidence.streams.items():
+    found, streams = [], prepared.evidence.streams
+    span = (min(s.t[0] for s in streams.values()), max(s.t[-1] for s in streams.values()))
+    for kind, stream in streams.items():
+        found += _silence(stream, span)
         for k, name in enumerate(stream.names):
             found += _gaps(stream, k, name)
             if kind != ENCODER:
                 found += _frozen(stream, k, name)
     return tuple(found)
+
+
+def _silence(stream, span):
+    """A whole stream that begins late, ends early or pauses; span : (start, end) of the others."""
+    edges = np.concatenate([[span[0]], stream.t, [span[1]]])
+    worst = int(np.argmax(np.diff(edges)))
+    t0, t1 = float(edges[worst]), float(edges[worst + 1])
+    if t1 - t0 <= LONGEST_GAP:
+        return []
+    return [Finding(stream.kind, '', None, '', t1 - t0, 's', 0.0, CERTAIN, t0, t1,
+                    f'Nothing of {stream.kind} was recorded from {t0:.1f} to {t1:.1f} s.')]
 
 
 def _gaps(stream, k, name):

@@ -23,6 +23,7 @@ SETTLING = 0.2       # s after the pads have stopped that are no idle
 LATER_PART = 0.5     # of a later stretch that is taken: its end, when the tissue has settled
 LEAST_IDLE = 20      # samples of idle below which the data sheet is asked
 ENOUGH_IDLE = 5.0    # s of idle before the first push that make later stretches needless
+SILENT = 1e-3        # of the data sheet's noise: no sensor has less
 ENOUGH_VALUES = 20_000   # to see the counts of a digitised signal
 PRIOR_SAMPLES = 30   # idle samples that the pooled variance of a stream counts for
 STILL_SHARE = 0.2    # of a stream of a body without pads, at its end, where it has come to rest
@@ -125,6 +126,7 @@ def _noise(stream, spans, devices):
     if floor ** 2 > short.max() * ratio:   # what is seen are single counts, not noise
         colour = Colour()
     idle = sum(float(stream.t[s.stop - 1] - stream.t[s.start]) for s in stretches)
+    floor = max(floor, SILENT * data_sheet_sd(stream.kind, devices.get(stream.kind)))
     return Noise(np.maximum(np.sqrt(short * ratio), floor), colour, stream.period,
                  _axes(stream, stretches), 'idle', idle)
 

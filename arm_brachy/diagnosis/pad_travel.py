@@ -132,7 +132,8 @@ def _push_back(evidence, pad, axis):
         return None
     j = force.names.index(pad)
     seen = force.valid[:, j]
-    return (force.t[seen], -force.values[seen, j] @ axis) if seen.sum() >= FEWEST else None
+    push = -force.values[seen, j] @ axis
+    return (force.t[seen], push) if seen.sum() >= FEWEST and np.ptp(push) > 0.0 else None
 
 
 def _causes(then, travel, force):

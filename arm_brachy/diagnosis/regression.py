@@ -48,8 +48,8 @@ def bridged(t, y, valid, columns):
     Filled with what ordinary least squares on the columns (n, p) explains, plus a straight line
     between what it leaves at the valid rows: a gap during a motion then leaves no step behind.
     """
-    scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
-    X = columns / scale
+    size = np.abs(columns).max(axis=0)
+    X = columns / np.where(size > 0.0, size, 1.0)
     beta = np.linalg.lstsq(X[valid], y[valid], rcond=1e-8)[0]
     left = y - X @ beta
     out = np.array(y, dtype=float)
@@ -89,7 +89,8 @@ def regress(t, y, columns, valid, colour, sd):
     """
     names = tuple(columns)
     X = np.stack([columns[name] for name in names], axis=1)
-    scale = np.maximum(np.abs(X).max(axis=0), 1e-300)
+    size = np.abs(X).max(axis=0)
+    scale = np.where(size > 0.0, size, 1.0)
     W = whitened(t, X / scale, colour, valid)
     Y = whitened(t, bridged(t, y, valid, X), colour, valid) / sd
     U, s, Vt = np.linalg.svd(W, full_matrices=False)

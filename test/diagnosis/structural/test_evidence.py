@@ -80,6 +80,21 @@ def test_a_marker_that_the_scene_does_not_know_is_left_out_with_a_note(run, scen
     assert len(found.get(OPTICAL).names) == len(ids) - 1 and 'stray' in found.notes[0]
 
 
+def test_a_sensor_that_is_dead_is_left_out_with_a_note(run, scene):
+    values = run.force.values.copy()
+    values[:, 1] = 0.25
+    found = evidence_of(replace(run, force=Series(run.force.t, values)), scene)
+    assert found.get(FORCE).names == ('pad_0', 'pad_2')
+    assert found.notes == ('force on pad_1 never changes, not even by noise, and is left out.',)
+
+
+def test_frames_that_hold_nothing_are_left_out(run, scene):
+    visible = run.optical.visible.copy()
+    visible[1::2] = False
+    found = evidence_of(optical(run, visible=visible), scene).get(OPTICAL)
+    assert found.t.tobytes() == run.optical.t[::2].tobytes()
+
+
 def test_repeated_stamps_are_left_out_with_a_note(run, scene):
     t = run.encoder.t.copy()
     t[100] = t[99]
@@ -174,11 +189,11 @@ def test_nothing_that_moves_is_refused(laboratory, scene):
 
 
 def test_nothing_recorded_is_refused(run, scene):
-    with pytest.raises(RecordingError, match='holds no encoders, forces, markers or EM tools'):
-        evidence_of(RunData('empty', '', 0, '', ''), scene)
     tools = {t: EmSamples(e.t, e.position, e.quality, e.status + 9) for t, e in run.em.items()}
-    with pytest.raises(RecordingError, match='holds no encoders'):
-        evidence_of(RunData('lost', '', 0, '', '', em=tools), scene)
+    for nothing in (RunData('empty', '', 0, '', ''), RunData('lost', '', 0, '', '', em=tools),
+                    replace(run, optical=None, em={}, force=None, force_pads=())):
+        with pytest.raises(RecordingError, match='holds no forces, markers or EM tools'):
+            evidence_of(nothing, scene)
 
 
 def make_stream(t, x, valid=None):

@@ -145,6 +145,17 @@ def test_long_gaps_and_frozen_values(happened):
     assert 'does not change for 0.3' in found['pad_1'].statement
 
 
+def test_a_tracker_that_goes_off(happened):
+    def off(run):
+        visible = run.optical.visible.copy()
+        visible[run.optical.t > 8.0] = False
+        return replace(run, optical=replace(run.optical, visible=visible))
+
+    found, = happened(change=off)
+    assert found.stream == 'optical' and found.t_start == pytest.approx(8.0, abs=0.02)
+    assert 'Nothing of optical was recorded' in found.statement
+
+
 def test_registration_leaves_a_knocked_marker_out(laboratory):
     """A rotated tracker, and a base marker 8 mm off: the others still give the rotation."""
     lab = laboratory((), 52)
