@@ -13,7 +13,7 @@ import numpy as np
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.tissue.contact_pads import PadContact
 from arm_brachy.tissue.dynamics import DynamicSolver, pad_loads
-from arm_brachy.tissue.newton import StaticSolver
+from arm_brachy.tissue.newton import NewtonOptions, StaticSolver
 
 # [N] Out-of-balance force per node below which a state counts as equilibrium without a solve.
 # If it pushed the same way at all 700 nodes of a 60 mm body of 6 kPa, the body would move by
@@ -126,12 +126,18 @@ class QuasiStatic(AbstractIntegrator):
         return self.statics.follow(x, goal, fields)
 
     def _in_equilibrium(self, state, goal, fields):
-        """True if held nodes are where they should be and no free node is pulled noticeably."""
+        """True if held nodes are where they should be and free ones would not move noticeably.
+
+        Noticeably: by more than the solver's tolerance. Forces alone would not tell: as small as
+        a solve leaves them, but all the same way, they are a creep that goes on.
+        """
         held, free = self.statics.free.held, self.statics.free.free
         if not np.array_equal(state.x[held], goal[held]):
             return False
         pull = np.abs(self.statics.assembler.forces(state.x, fields)[free]).max(initial=0.0)
-        return pull <= max(SKIP_RESIDUAL, state.residual)
+        if pull <= SKIP_RESIDUAL:
+            return True
+        return self.statics.open_correction(state.x, fields) <= self.statics.options.tolerance
 
     def _resting(self, t, x, fields):
         force, moment = pad_loads(self.body, self.statics.assembler.forces(x, fields))
@@ -146,6 +152,9 @@ class Touching(AbstractIntegrator):
 
     def __init__(self, body, options):
         self.body = body
+        if options is not None:  # friction remembers: what every step leaves open would add up
+            tight = min(options.tolerance, NewtonOptions().tolerance)
+            options = dataclasses.replace(options, tolerance=tight)
         self.contact = PadContact(body, newton=options)
 
     def start(self, x, t, fields):

@@ -167,6 +167,17 @@ class StaticSolver:
         self._left = found.residual if found.outcome.ok else 0.0
         return found
 
+    def open_correction(self, x, fields):
+        """Return the largest correction [m] that `follow` would begin with at x (n, 3) [m].
+
+        By the factor at hand, with what was learnt since; inf if there is none, or if an element
+        is inverted. fields : StepFields; x has its held nodes in place.
+        """
+        state = self.assembler.evaluate(x, fields)
+        if not (self._factor.factorised and state.min_J > 0.0) or self._shifted:
+            return np.inf
+        return float(np.abs(self._correction(state)).max(initial=0.0))
+
     def _chord(self, x, held_at, fields):
         """StaticSolution by the old factor, or None where it does not serve any more."""
         x[self.free.held] = held_at[self.free.held]
