@@ -18,6 +18,8 @@ COMMANDS = {  # name -> (module:object, first line of its help)
     'replay': ('run:replay', 'Feed a recording back to live nodes and evaluate what they say.'),
     'evaluate': ('run:evaluate',
                  'Metrics of a recording as a table, as JSON and as an HTML report.'),
+    'diagnose': ('diagnose:diagnose',
+                 'Where recordings differ from their model, and what is missing.'),
     'reproduce': ('reproduce:reproduce',
                   'Compute one published table or figure, ours beside theirs.'),
     'bench': ('bench:bench', "Time the tissue solvers, ours beside others' in one run."),

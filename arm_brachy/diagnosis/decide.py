@@ -115,22 +115,20 @@ class Decision:
     before: object
 
 
-class _Common:
-    """Inner products in C^-1 = (I + U U')^-1 on some of the rows."""
+class _Gram:
+    """Inner products in C^-1 = (I + U U')^-1 of all explanations' columns and of r.
 
-    def __init__(self, problem, rows=slice(None)):
-        self.rows, self.U, self.r = rows, problem.U[rows], problem.r[rows]
-        self._factor = cholesky(np.eye(self.U.shape[1]) + self.U.T @ self.U, lower=True)
-        self._told = self._seen(self.r)
+    total : (k + P + 1)^2 products of U, of the columns and of r over some of the rows
+    """
 
-    def _seen(self, v):
-        return solve_triangular(self._factor, self.U.T @ v, lower=True)
+    def __init__(self, total, k):
+        factor = cholesky(np.eye(k) + total[:k, :k], lower=True)
+        seen = solve_triangular(factor, total[:k, k:], lower=True)
+        self.left = total[k:, k:] - seen.T @ seen
 
     def normal(self, columns):
-        """(X' C^-1 X (p, p), X' C^-1 r (p,)) of columns given for all rows."""
-        X = columns[self.rows]
-        seen = self._seen(X)
-        return X.T @ X - seen.T @ seen, X.T @ self.r - seen.T @ self._told
+        """(X' C^-1 X (p, p), X' C^-1 r (p,)) of columns by their numbers (p,)."""
+        return self.left[np.ix_(columns, columns)], self.left[columns, -1]
 
     def gain(self, columns):
         """Log evidence of columns with normal coefficients over none.
@@ -143,6 +141,16 @@ class _Common:
         return 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
 
 
+def _grams(problem):
+    """(_Gram of all rows, [_Gram without each kind])."""
+    every = np.hstack([problem.U, *(e.columns for e in problem.explanations),
+                       problem.r[:, None]])
+    parts = [rows.T @ rows for rows in
+             (every[problem.kinds == kind] for kind in np.unique(problem.kinds))]
+    total, k = sum(parts), problem.U.shape[1]
+    return _Gram(total, k), [_Gram(total - part, k) for part in parts]
+
+
 class Judge:
     """Decides on one Problem.
 
@@ -151,9 +159,10 @@ class Judge:
 
     def __init__(self, problem, rng, rules=None):
         self.problem, self.rules, self._rng = problem, rules or Rules(), rng
-        self._all = _Common(problem)
-        kinds = np.unique(problem.kinds)
-        self._without = [_Common(problem, problem.kinds != kind) for kind in kinds]
+        self._all, self._without = _grams(problem)
+        ends = np.cumsum([0, *(e.columns.shape[1] for e in problem.explanations)])
+        self._columns = {id(e): np.arange(a, b) for e, a, b in
+                         zip(problem.explanations, ends[:-1], ends[1:], strict=True)}
 
     def decide(self):
         """Return the Decision."""
@@ -188,7 +197,7 @@ class Judge:
             by_cause.setdefault(one.cause, []).append(one)
         found = []
         for variants in by_cause.values():
-            gains = np.array([self._all.gain(v.columns) for v in variants])
+            gains = np.array([self._all.gain(self._of((v,))) for v in variants])
             evidence = logsumexp(gains) - np.log(len(gains)) + variants[0].log_prior
             found.append(self._candidate((variants[int(gains.argmax())],), evidence))
         return tuple(sorted(found, key=lambda c: -c.evidence))
@@ -198,13 +207,13 @@ class Judge:
         best = None
         for one, other in combinations(ranked[:self.rules.partners], 2):
             both = one.explanations + other.explanations
-            evidence = self._all.gain(_stacked(both)) + sum(e.log_prior for e in both)
+            evidence = self._all.gain(self._of(both)) + sum(e.log_prior for e in both)
             if best is None or evidence > best[0]:
                 best = (evidence, both)
         return None if best is None else self._candidate(best[1], best[0])
 
     def _candidate(self, explanations, evidence):
-        columns = _stacked(explanations)
+        columns = self._of(explanations)
         B, a = self._all.normal(columns)
         covariance = np.linalg.inv(np.eye(len(a)) + B)
         held_out = sum(self._all.gain(columns) - without.gain(columns)
@@ -218,18 +227,24 @@ class Judge:
 
     def _equals(self, accepted, ranked):
         """Single causes that are not told from the accepted one, each at its own best variant."""
-        effect = _stacked(accepted.explanations) @ accepted.mean
         out = []
         for rival in ranked:
             if set(rival.causes) & set(accepted.causes):
                 continue
-            apart = separation(self.problem.U, effect, _stacked(rival.explanations))
+            apart = self._apart(accepted, rival)
             close = accepted.evidence - rival.evidence < self.rules.rival
             if apart < self.rules.apart or close and self._claims((rival,)):
                 out.append(Candidate(rival.explanations, rival.evidence, rival.held_out,
                                      rival.mean, rival.sd, apart))
         return tuple(out)
 
+    def _apart(self, accepted, rival):
+        """Separation [sd] of what was accepted, at its size, from the best its rival can do."""
+        mine, other = self._of(accepted.explanations), self._of(rival.explanations)
+        power = float(accepted.mean @ self._all.normal(mine)[0] @ accepted.mean)
+        cross = self._all.left[np.ix_(other, mine)] @ accepted.mean
+        return separation(power, cross, self._all.normal(other)[0])
 
-def _stacked(explanations):
-    return np.hstack([e.columns for e in explanations])
+    def _of(self, explanations):
+        """Numbers of the columns of some explanations."""
+        return np.concatenate([self._columns[id(e)] for e in explanations])

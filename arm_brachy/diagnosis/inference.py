@@ -68,36 +68,13 @@ def held_out_score(U, r, kinds):
     return float(sum(each.values())), each
 
 
-def explained_error(U, r, held_out, common):
-    """Return the rms of the rows held out after prediction from the others, and before.
-
-    common : (k,) True for columns that are no part of the prediction to be judged (noise that
-        another rest or registration would bring); they are fitted to the held-out rows as well
-    Returns (after, before), in standard deviations of noise.
-    """
-    fit = posterior(U[~held_out], r[~held_out])
-    known = np.where(common, 0.0, fit.mean)
-    left = r[held_out] - U[held_out] @ known
-    free = U[held_out][:, common]
-    both = [one - free @ posterior(free, one).mean for one in (left, r[held_out])]
-    return tuple(float(np.sqrt(np.mean(one**2))) for one in both)
-
-
-def separation(U, effect, rival):
+def separation(power, cross, own):
     """Return how far an effect is from the best that a rival can make of it [sd of noise].
 
-    effect : (n,) response of the hypothesis at its fitted size;  rival : (n, m) responses of the
-        other one, free in size;  U : (n, k) nuisances and errors of the mesh, in both
+    power : e' C^-1 e of the effect (n,) at its fitted size, C = I + U U' with all that is in both;
+    cross : (m,) X' C^-1 e and own : (m, m) X' C^-1 X of the rival's responses X, free in size
     Zero: no analysis of these data can tell one from the other.
     """
-    factor = cholesky(np.eye(U.shape[1]) + U.T @ U, lower=True)
-
-    def inner(a, b):
-        return a.T @ b - solve_triangular(factor, U.T @ a, lower=True).T @ solve_triangular(
-            factor, U.T @ b, lower=True)
-
-    power = float(inner(effect, effect))
-    cross, own = inner(rival, effect), inner(rival, rival)
     scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
     taken = np.linalg.pinv(own / np.outer(scale, scale), rcond=1e-9, hermitian=True)
     shared = (cross / scale) @ taken @ (cross / scale)
@@ -105,5 +82,7 @@ def separation(U, effect, rival):
 
 
 def detectability(U, effect):
-    """Return the size of an effect (n,) beside everything else [sd of noise]."""
-    return separation(U, effect, np.zeros((len(effect), 0)))
+    """Return the size of an effect (n,) beside everything else, U (n, k) [sd of noise]."""
+    factor = cholesky(np.eye(U.shape[1]) + U.T @ U, lower=True)
+    seen = solve_triangular(factor, U.T @ effect, lower=True)
+    return float(np.sqrt(max(effect @ effect - seen @ seen, 0.0)))

@@ -97,15 +97,42 @@ class Observables:
             out.append(solve_triangular(factor, part, lower=True))
         return np.concatenate(out) if out else np.zeros((0, k))
 
+    def rows_of(self, values):
+        """Return (N, k) of arrays kind -> (n, c, 3, k) in the model's order, as they are.
+
+        A kind that is left out counts as zero.
+        """
+        k = next(iter(values.values())).shape[3]
+        out = [values[kind][seen, there, axis] if kind in values else np.zeros((len(seen), k))
+               for kind, _, there, axis, seen, _ in self._blocks]
+        return np.concatenate(out) if out else np.zeros((0, k))
+
+    @property
+    def sd(self):
+        """(N,) standard deviation of every row, SI."""
+        by_kind = {stream.kind: stream for stream in self.measured}
+        out = [by_kind[kind].sd[seen, c, axis] for kind, c, _, axis, seen, _ in self._blocks]
+        return np.concatenate(out) if out else np.zeros(0)
+
+    def difference(self, predicted):
+        """Return (N,) measured minus predicted, SI.
+
+        predicted : kind -> (n, c, 3) in the model's order, e.g. `Baseline.shown`
+        """
+        by_kind = {stream.kind: stream for stream in self.measured}
+        out = [by_kind[kind].values[seen, c, axis] - predicted[kind][seen, there, axis]
+               for kind, c, there, axis, seen, _ in self._blocks]
+        return np.concatenate(out) if out else np.zeros(0)
+
     def residual(self, predicted):
         """Return (N,) measured minus predicted over the noise.
 
         predicted : kind -> (n, c, 3) in the model's order, e.g. `Baseline.shown`
         """
-        by_kind, out = {stream.kind: stream for stream in self.measured}, []
-        for kind, c, there, axis, seen, factor in self._blocks:
-            off = by_kind[kind].values[seen, c, axis] - predicted[kind][seen, there, axis]
-            out.append(solve_triangular(factor, off, lower=True))
+        difference, out, first = self.difference(predicted), [], 0
+        for *_, seen, factor in self._blocks:
+            out.append(solve_triangular(factor, difference[first:first + len(seen)], lower=True))
+            first += len(seen)
         return np.concatenate(out) if out else np.zeros(0)
 
 

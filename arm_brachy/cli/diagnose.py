@@ -1,0 +1,113 @@
+"""`arm-brachy diagnose`: where recordings and model differ, what is missing, how sure."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from arm_brachy.cli.output import (
+    console,
+    errors,
+    json_option,
+    new_folder,
+    result_folder,
+    show_table,
+    summary,
+)
+from arm_brachy.core.scene import load_scene
+from arm_brachy.diagnosis import diagnose as stages
+from arm_brachy.diagnosis import words
+from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
+from arm_brachy.diagnosis.diagnosis import Provenance
+from arm_brachy.diagnosis.evidence import load_evidence
+from arm_brachy.diagnosis.motion import motion_of
+from arm_brachy.diagnosis.page import write_diagnosis
+from arm_brachy.diagnosis.pushes import moves_of
+from arm_brachy.diagnosis.statements import edge_unit
+
+
+@click.command()
+@click.argument('bags', nargs=-1, required=True, type=click.Path(), metavar='BAG...')
+@click.option('--scene', required=True, type=click.Path(), metavar='FILE',
+              help='What the recordings are said to show.')
+@click.option('--null', 'null', multiple=True, type=click.Path(), metavar='BAG',
+              help='A recording of the same cell in which nothing is wrong; may be given several '
+                   'times. What it shows as well is no fault.')
+@click.option('--seed', default=0, show_default=True, type=click.IntRange(0),
+              help='Of the random draws in tests and meshes.')
+@click.option('--out', type=click.Path(), metavar='FOLDER',
+              help='Of page, JSON and corrected scenario; new or empty. '
+                   'Default: runs/diagnosis-<time>.')
+@json_option
+def diagnose(bags, scene, null, seed, out, json_file):
+    """Where and when BAGs differ from their model, what physics is missing, how sure that is.
+
+    All recordings are of one body; kinds of push are held out in turn, and what is named has to
+    predict them. Beside the page comes a scenario with what was found, for `arm-brachy run`.
+
+    \b
+    Examples:
+      arm-brachy diagnose runs/monday/bag --scene config/scenes/breast.yaml
+      arm-brachy diagnose a b --null sound --scene phantom.yaml --json found.json
+    """
+    described = load_scene(scene)
+    evidences, sound = load_evidence(bags, described), load_evidence(null, described)
+    name = Path(bags[0]).resolve().stem if len(bags) == 1 else f'{len(bags)} recordings'
+    made_by = summary(name, (), seed=seed)
+    provenance = Provenance(name, seed, made_by.commit, made_by.machine, str(scene), (),
+                            _typed(bags, scene, null))
+    with new_folder(result_folder(out, 'diagnosis')) as folder:
+        answer = _run(evidences, sound, provenance)
+        found = _corrected(answer.diagnosis, evidences[0], scene, folder)
+        write_diagnosis(found, answer.shown, folder / 'diagnosis.html')
+        found.to_json(folder / 'diagnosis.json')
+    if json_file:
+        found.to_json(json_file)
+    _show(found, folder)
+
+
+def _typed(bags, scene, null):
+    words_ = ['arm-brachy diagnose', *map(str, bags), f'--scene {scene}']
+    return ' '.join(words_ + [f'--null {bag}' for bag in null])
+
+
+def _run(evidences, sound, provenance):
+    """The Answer, under a progress bar."""
+    with Progress(SpinnerColumn(), TextColumn('{task.description}'), BarColumn(),
+                  TimeElapsedColumn(), console=errors, transient=True) as bar:
+        task = bar.add_task('reading', total=1.0)
+
+        def show(step, share):
+            bar.update(task, description=step, completed=share)
+
+        return stages.diagnose(evidences, provenance, null=sound, progress=show)
+
+
+def _corrected(found, evidence, scene, folder):
+    """The Diagnosis with the path of the corrected scenario, if there is anything to correct."""
+    if not [cause for cause in found.causes if cause.physical] and not found.recalibrated:
+        return found
+    base = base_scenario(scene, Path(scene).stem, found.provenance.seed,
+                         moves_of(motion_of(evidence), evidence.pads))
+    path = write_corrected(found, base, folder / 'corrected.yaml')
+    return replace(found, scene=str(path))
+
+
+def _show(found, folder):
+    console.print(found.sentence, highlight=False)
+    if found.fit:
+        show_table(summary('held-out error (rms per axis)', tuple(map(_row, found.fit)),
+                           seed=found.provenance.seed))
+    if found.next_experiment is not None:
+        console.print(f'next      {words.request(found.next_experiment)}', highlight=False)
+    if found.scene:
+        console.print(f'scenario  {found.scene}')
+    console.print(f'report    {folder / "diagnosis.html"}')
+
+
+def _row(one):
+    unit, scale = edge_unit(one.stream)
+    return {'stream': one.stream, 'unit': unit, **{key: None if v is None else v / scale
+            for key, v in (('as_given', one.as_given), ('recalibrated', one.recalibrated),
+                           ('with_what_was_found', one.named), ('noise', one.noise_floor))}}

@@ -1,0 +1,137 @@
+"""From a decision and a fit to the parts of an answer: causes, places, times, what lost."""
+
+import numpy as np
+from scipy.special import logsumexp
+
+from arm_brachy.core.quantity import quantities
+from arm_brachy.diagnosis.cause import Cause, Estimate
+from arm_brachy.diagnosis.inference import detectability, posterior
+from arm_brachy.diagnosis.occasion import intervals, shown_in
+from arm_brachy.diagnosis.statements import Alternative
+from arm_brachy.diagnosis.whereabouts import CENTRES, channel_place, marker_place, place_of
+
+VISIBLE = 3.0       # standard deviations that an effect of typical size must make to be seen
+MOST = 12           # alternatives that are told
+TOLD = 0.5          # of its prior: a modulus less sure than that was not measured
+
+
+def probabilities(decision):
+    """(p of the accepted, p of each equal), by evidence; nothing missing has evidence 0."""
+    every = np.array([decision.accepted.evidence, *(c.evidence for c in decision.equals), 0.0])
+    share = np.exp(every - logsumexp(every))
+    return share[0], share[1:-1]
+
+
+def causes_of(fit, hypotheses, probability, option=0):
+    """Cause each of a refit.Refit of Hypotheses."""
+    return tuple(_cause(term, fit.estimates[i], one, probability, option)
+                 for i, (term, one) in enumerate(zip(fit.terms, hypotheses, strict=True)))
+
+
+def _cause(term, estimates, hypothesis, probability, option):
+    scaled = set(quantities(type(term)))
+    fixed = {name: value for name, value in hypothesis.place.items()
+             if name in scaled and name not in estimates}
+    parameters = {**estimates, **{name: _known(value) for name, value in fixed.items()}}
+    chosen = {k: v for k, v in hypothesis.place.items() if k not in scaled}
+    return Cause(term.spec.name, parameters, chosen, float(min(probability, 1.0)), option)
+
+
+def _known(value):
+    """An Estimate of what was given and not fitted: its error is not known."""
+    value = np.asarray(value, dtype=float)
+    ends = value - np.inf, value + np.inf
+    return Estimate(*(tuple(map(float, v)) if value.ndim else float(v) for v in (value, *ends)))
+
+
+def places_of(fit, hypotheses, scene, option=0):
+    """statements.Place of every term of a Refit that is somewhere."""
+    spreads = _spreads(fit)
+    found = [place_of(term, scene, spreads.get(i), option) for i, term in enumerate(fit.terms)]
+    return tuple(one for one in found if one is not None)
+
+
+def _spreads(fit):
+    """Number of the hypothesis -> (3, 3) [m^2] covariance of its centre."""
+    out = {}
+    for chart, part in zip(fit.space.charts, fit.space.slices, strict=True):
+        if chart.field in CENTRES:
+            z, steps = fit.z[part], np.diag(chart.step)
+            slope = np.stack([np.subtract(chart.value(z + h), chart.value(z - h)) / (2 * h.max())
+                              for h in steps], axis=1)
+            out[chart.number] = slope @ fit.covariance[part, part] @ slope.T
+    return out
+
+
+def times_of(assembly, candidate, option=0):
+    """statements.Interval in which each cause of a decide.Candidate shows."""
+    out, first = [], 0
+    for one in candidate.explanations:
+        width = one.columns.shape[1]
+        effect = one.columns @ candidate.mean[first:first + width]
+        first += width
+        for m, rows in split_rows(assembly, effect):
+            out += intervals(m, shown_in(m, rows), term=one.cause)
+    return tuple(out)
+
+
+def split_rows(assembly, values):
+    """(Matched, its part) of values (N,) over all recordings."""
+    ends = np.cumsum([0, *(len(m.r) for m in assembly.matched)])
+    return [(m, values[a:b]) for m, a, b in
+            zip(assembly.matched, ends[:-1], ends[1:], strict=True)]
+
+
+def unexplained(assembly, decision, explanations):
+    """(places, intervals) of what is left, with the nuisances and causes at their best."""
+    problem = assembly.problem
+    U = np.hstack([problem.U, *(e.columns for e in explanations)])
+    left = problem.r - U @ posterior(U, problem.r).mean
+    where = [channel_place(assembly.tests[decision.left.worst])]
+    weights = {}
+    for m, rows in split_rows(assembly, left):
+        for row, value in zip(m.observables.rows, rows, strict=True):
+            if row.kind == 'optical':
+                weights[row.channel] = weights.get(row.channel, 0.0) + value**2
+    around = marker_place(assembly.matched[0].baseline.model.specimen.scene, weights)
+    where += [around] if around is not None else []
+    when = [one for m, rows in split_rows(assembly, left)
+            for one in intervals(m, shown_in(m, rows))]
+    return tuple(where), tuple(when)
+
+
+def alternatives_of(assembly, decision, named=()):
+    """statements.Alternative that lost, best first; those that could not be seen come last.
+
+    named : terms that were not lost
+    """
+    out = []
+    for one in decision.ranked:
+        if set(one.causes) & set(named):
+            continue
+        size = max(detectability(assembly.problem.U, column)
+                   for e in one.explanations for column in e.columns.T)
+        out.append(Alternative(one.causes, one.held_out, bool(size >= VISIBLE)))
+    out.sort(key=lambda a: (not a.visible, -a.held_out))
+    out = out[:MOST]
+    out += [Alternative((term,), 0.0, False, f'not tried: {why}')
+            for term, why in assembly.tried.left_out.items()
+            if term not in named and 'recalibrated' not in why]
+    return tuple(out)
+
+
+def recalibrated(assembly, scene, explanations, spread):
+    """{'E': Estimate [Pa]} of a core.scene.Scene's modulus; {} where nothing recorded tells it.
+
+    spread : prior standard deviation of its logarithm, to which its nuisance is scaled
+    """
+    problem = assembly.problem
+    U = np.hstack([problem.U, *(e.columns for e in explanations)])
+    column = assembly.names.index('modulus')
+    fit = posterior(U, problem.r)
+    sd = float(np.sqrt(fit.covariance([column])[0, 0]))
+    if sd > TOLD:
+        return {}
+    value, reach = 1.0 + spread * fit.mean[column], 1.645 * spread * sd
+    E = scene.material.E
+    return {'E': Estimate(*(float(E * v) for v in (value, value - reach, value + reach)))}

@@ -1,0 +1,80 @@
+"""What findings without a tissue model hand on: terms that are there, when things happened."""
+
+from dataclasses import dataclass
+
+from arm_brachy.core.term import Kind
+from arm_brachy.diagnosis.candidates import Occasions
+from arm_brachy.registry import by_name
+
+
+@dataclass(frozen=True)
+class Given:
+    """Findings of several recordings, sorted by what becomes of them.
+
+    certain : (finding, recording) that name a term and have no rival in the tissue: the model
+        gets them before anything else is looked for
+    open : that name a term which tissue may imitate: left to the comparison with the model
+    nameless : that name none
+    """
+
+    certain: tuple
+    open: tuple
+    nameless: tuple
+
+    @property
+    def terms(self):
+        """Terms of the certain findings, one each."""
+        kept = {}
+        for finding, _ in self.certain:
+            kept.setdefault((finding.term, repr(finding.parameters)), finding)
+        return tuple(by_name(f.term)(**_plain(f)) for f in kept.values())
+
+
+def given(recorded, known=()):
+    """Given of Recorded recordings.
+
+    known : findings of a recording in which nothing is wrong; what it shows too is no fault but
+        the set-up, handed on as a term that is no news
+    """
+    certain, open_, nameless = [], [], []
+    for one in recorded:
+        for finding in one.structure.findings:
+            if any(_same(finding, other) for other in known):
+                continue
+            if finding.term is None:
+                nameless.append((finding, one.name))
+            elif any(_in_tissue(rival) for rival in finding.rivals):
+                open_.append((finding, one.name))
+            else:
+                certain.append((finding, one.name))
+    return Given(tuple(certain), tuple(open_), tuple(nameless))
+
+
+def _in_tissue(term):
+    return by_name(term).spec.kind in (Kind.TISSUE, Kind.BOUNDARY)
+
+
+def _same(one, other):
+    return (one.term, one.stream, one.channel, one.parameter) == (
+        other.term, other.stream, other.channel, other.parameter)
+
+
+def _plain(finding):
+    return {key: tuple(map(float, value)) if getattr(value, 'ndim', 0) else value
+            for key, value in finding.parameters.items()}
+
+
+def occasions_of(recorded):
+    """candidates.Occasions: when something happened suddenly, and rhythms."""
+    onsets, frequencies, ends = [], [], []
+    for one in recorded:
+        ends.append(one.states.t[-1])
+        for finding in one.structure.findings:
+            if finding.onset is not None:
+                onsets.append(float(sum(finding.onset) / 2.0))
+            if 'frequency' in finding.parameters:
+                frequencies.append(float(finding.parameters['frequency']))
+    onsets = sorted(set(onsets))
+    windows = [(a, b) for a, b in zip(onsets, [*onsets[1:], max(ends, default=0.0)],
+                                      strict=True) if b > a]
+    return Occasions(tuple(onsets), tuple(windows), tuple(frequencies))

@@ -1,0 +1,76 @@
+"""All that may be missing, with its response: every term of the registry at every place."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from arm_brachy.core.errors import ConfigError, MeshError, NotConverged
+from arm_brachy.core.term import Stage
+from arm_brachy.diagnosis.candidates import Occasions, candidates
+from arm_brachy.diagnosis.responses import respond
+from arm_brachy.registry import TERMS
+
+HIDDEN = (Stage.SETPOINT, Stage.ENCODER)    # before or at the encoders, which drive the model
+RECALIBRATED = ('stiffness_scale',)         # no physics that is missing: the scene's own modulus
+INERTIAL = ('damping',)                     # nothing without inertia
+COSTLY = ('pad_slip',)                      # minutes of full runs with contact
+
+
+@dataclass(frozen=True)
+class Tried:
+    """Hypotheses with their responses in every recording.
+
+    hypotheses : Hypothesis each;  responses : one tuple of responses.Response per hypothesis, in
+        the order of the recordings
+    left_out : term -> why it was not tried
+    """
+
+    hypotheses: tuple
+    responses: tuple
+    left_out: dict = field(default_factory=dict)
+
+
+def triable(cls):
+    """'' if a term class can be tried at all, else why not."""
+    name = cls.spec.name
+    if cls.spec.stage in HIDDEN:
+        return 'acts before the encoders, which hide it'
+    if name in RECALIBRATED:
+        return 'is recalibrated, not missing'
+    if name in COSTLY:
+        return 'is tried by full runs, where something is left'
+    return 'has no effect without inertia' if name in INERTIAL else ''
+
+
+def try_all(matched, occasions=None, progress=None):
+    """Tried: all terms of the registry on matched.Matched recordings of one body.
+
+    occasions : candidates.Occasions;  progress : called with (done, of, name) or None
+    A place at which a term does not fit the body, or finds no state, is left out.
+    """
+    specimen, left_out, found, answers = matched[0].baseline.model.specimen, {}, [], []
+    listed = [cls for cls in TERMS if not triable(cls)]
+    left_out |= {cls.spec.name: triable(cls) for cls in TERMS if triable(cls)}
+    for done, cls in enumerate(listed):
+        if progress:
+            progress(done, len(listed), cls.spec.name)
+        options = candidates(cls, specimen, occasions or Occasions())
+        why = '' if options else 'nothing in these recordings says when'
+        for one in options:
+            try:
+                responses = tuple(respond(m.baseline, one) for m in matched)
+            except (ConfigError, MeshError, NotConverged) as error:
+                why = str(error)
+                continue
+            if all(_whole(r) for r in responses):
+                found.append(one)
+                answers.append(responses)
+            else:
+                why = 'the model finds no state with it'
+        if not any(one.cls is cls for one in found):
+            left_out[cls.spec.name] = why
+    return Tried(tuple(found), tuple(answers), left_out)
+
+
+def _whole(response):
+    return all(np.isfinite(values).all() for values in response.values.values())

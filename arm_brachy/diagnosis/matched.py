@@ -1,0 +1,62 @@
+"""A recording beside its model: whitened residual, what may be in it, what may explain it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from arm_brachy.diagnosis.baseline import Baseline
+from arm_brachy.diagnosis.forward import ForwardModel
+from arm_brachy.diagnosis.model_error import model_errors, timing_errors
+from arm_brachy.diagnosis.nuisances import nuisances
+from arm_brachy.diagnosis.observables import Observables, channels_of, measured
+from arm_brachy.diagnosis.recorded import Recorded
+from arm_brachy.diagnosis.tolerances import joined, tolerances
+
+# Nuisances of one recording alone; all others belong to the set-up and are the same in each.
+OWN = ('frame_', 'em_', 'force_', 'clock_', 'touch_', 'timing_')
+
+
+@dataclass
+class Matched:
+    """One recording and the baseline of its model.
+
+    recorded : Recorded;  baseline : Baseline;  observables : Observables
+    nuisances : nuisances.Nuisances, tolerances and errors of the mesh included
+    r : (N,) whitened residual;  U : (N, k) whitened nuisances
+    """
+
+    recorded: Recorded
+    baseline: Baseline
+    observables: Observables
+    nuisances: object
+    r: np.ndarray = field(init=False)
+    U: np.ndarray = field(init=False)
+
+    def __post_init__(self):
+        self.r = self.observables.residual(self.baseline.shown)
+        self.U = self.observables.whiten(self.nuisances.values)
+
+    @property
+    def own(self):
+        """(k,) True for nuisances that other recordings do not share."""
+        return np.array([name.startswith(OWN) for name in self.nuisances.names], dtype=bool)
+
+    @property
+    def kinds(self):
+        """(N,) kind of experiment of every row."""
+        return np.array(self.recorded.kinds, dtype=object)[self.observables.states]
+
+
+def match(recorded, specimen, terms=(), *, calibration=None, accuracy=None, more=()):
+    """Matched of a Recorded and a specimen.Specimen with terms.
+
+    calibration : finding.Calibration;  accuracy : model_error.Accuracy
+    more : functions of the baseline.Baseline that return further Nuisances
+    Raises what Baseline raises.
+    """
+    baseline = Baseline(ForwardModel(specimen, terms), recorded.path, recorded.states.t)
+    observables = Observables(measured(recorded.states), channels_of(specimen))
+    parts = [nuisances(baseline, calibration), tolerances(baseline, calibration),
+             model_errors(baseline, accuracy), timing_errors(baseline, recorded, accuracy),
+             *(make(baseline) for make in more)]
+    return Matched(recorded, baseline, observables, joined(*parts))

@@ -1,0 +1,44 @@
+"""The modulus by the forces in a few holds, before anything is linearised at it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from arm_brachy.diagnosis.forward import ForwardModel
+from arm_brachy.diagnosis.stream import FORCE
+
+HOLDS = 4       # states that are solved for
+LEAST = 3.0     # standard deviations of a force for it to count
+CLOSE = 0.02    # of the modulus: nearer, responses at the given one are as good
+
+
+def modulus_ratio(recorded, specimen):
+    """Measured over modelled force in the deepest states of a Recorded; 1 where none tells.
+
+    Of all pads together, by least squares: a modulus scales forces alone as long as nothing hangs
+    by its weight; what single pads have besides is left.
+    """
+    states = recorded.states
+    force = states.streams.get(FORCE)
+    if force is None:
+        return 1.0
+    still = np.flatnonzero(recorded.states.labels.direction == 0)
+    deep = still[np.argsort(-states.q[still].max(axis=1))][:HOLDS]
+    if not len(deep):
+        return 1.0
+    deep = np.sort(deep)
+    found = ForwardModel(specimen).predict(recorded.path, states.t[deep])
+    index = [specimen.pads.index(name) for name in force.names]
+    measured, model = force.values[deep], found.force[:, index]
+    weight = np.where(np.isfinite(measured) & np.isfinite(model), 1.0 / force.variance[deep], 0.0)
+    power = float(np.sum(weight * np.nan_to_num(model)**2))
+    if power < LEAST**2:
+        return 1.0
+    return float(np.sum(weight * np.nan_to_num(model) * np.nan_to_num(measured)) / power)
+
+
+def scaled(scene, ratio):
+    """core.scene.Scene with its modulus times `ratio`; the scene itself where that is near 1."""
+    if abs(ratio - 1.0) < CLOSE or not ratio > 0.0:
+        return scene
+    return replace(scene, material=replace(scene.material, E=ratio * scene.material.E))

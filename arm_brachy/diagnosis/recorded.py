@@ -1,0 +1,44 @@
+"""One recording, looked at without a tissue model: what it shows, how it moved, where to look."""
+
+from dataclasses import dataclass
+
+from arm_brachy.diagnosis.kinds import kinds_of
+from arm_brachy.diagnosis.prepared import Prepared, prepare
+from arm_brachy.diagnosis.states import LIMIT, LoadStates, load_states
+from arm_brachy.diagnosis.structural import Structure, structure_of
+from arm_brachy.diagnosis.transmission import Path
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """prepared : Prepared;  structure : Structure;  states : LoadStates, clocks put right
+
+    kinds : (m,) kind of experiment of every state
+    """
+
+    prepared: Prepared
+    structure: Structure
+    states: LoadStates
+    kinds: tuple
+
+    @property
+    def name(self):
+        """Of the recording."""
+        return self.prepared.evidence.name
+
+    @property
+    def path(self):
+        """The encoders' transmission.Path, corners and states."""
+        return Path(self.states.path_t, self.states.path_q)
+
+
+def look(evidence, *, limit=LIMIT, devices=None, calibration=None):
+    """Recorded of an evidence.Evidence with pads.
+
+    limit : load states at most;  devices, calibration : as `prepared.prepare`
+    """
+    prepared = prepare(evidence, devices, calibration)
+    structure = structure_of(prepared)
+    late = {kind: structure.late(kind) for kind in structure.clocks}
+    states = load_states(prepared, late, limit)
+    return Recorded(prepared, structure, states, kinds_of(states, evidence.pads))

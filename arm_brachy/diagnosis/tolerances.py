@@ -1,0 +1,66 @@
+"""What a careful laboratory leaves uncalibrated, as columns beside the nuisances.
+
+Every tolerance of `finding.Calibration` that a term of the registry stands for is that term's
+response at the size of the tolerance: what is within it is no cause.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from arm_brachy.diagnosis.finding import Calibration
+from arm_brachy.diagnosis.hypothesis import hypothesis
+from arm_brachy.diagnosis.nuisances import Nuisances
+from arm_brachy.diagnosis.responses import respond
+from arm_brachy.registry import by_name
+
+PER_ACTUATOR, PER_PAD, PER_STREAM = 'actuators', 'pads', 'stream'
+# tolerance -> term, its parameters, what each of several is for
+TOLERATED = (
+    ('gain', 'actuator_gain', ('gain',), PER_ACTUATOR),
+    ('play', 'backlash', ('width',), PER_ACTUATOR),
+    ('compliance', 'actuator_compliance', ('compliance',), PER_ACTUATOR),
+    ('direction', 'pad_misplacement', ('tilt_up', 'tilt_side'), PER_PAD),
+    ('scale', 'optical_scale', ('scale',), ''),
+    ('force_drift', 'force_drift', ('rate',), PER_PAD),
+    ('clock', 'clock_offset', ('delay',), PER_STREAM),
+)
+
+
+def tolerances(baseline, calibration=None):
+    """Return the Nuisances of a baseline.Baseline that tolerances make, each at one tolerance.
+
+    calibration : finding.Calibration, None = its defaults
+    """
+    calibration, names, parts = calibration or Calibration(), [], []
+    for tolerance, term, parameters, each in TOLERATED:
+        size = getattr(calibration, tolerance)
+        for place in _places(baseline.model.specimen, each):
+            one = hypothesis(by_name(term), parameters, **place)
+            response = respond(baseline, one)
+            for k, strength in enumerate(one.strengths):
+                factor = size / abs(strength.typical - strength.neutral)
+                parts.append({kind: factor * values[..., k:k + 1]
+                              for kind, values in response.values.items()})
+                names.append('_'.join([tolerance, strength.label, *_said(place)]))
+    kinds = parts[0]
+    return Nuisances(tuple(names), {kind: np.concatenate([part[kind] for part in parts], axis=3)
+                                    for kind in kinds})
+
+
+def _places(specimen, each):
+    return {PER_ACTUATOR: [{'actuators': (i,)} for i in range(len(specimen.pads))],
+            PER_PAD: [{'pads': (name,)} for name in specimen.pads],
+            PER_STREAM: [{'stream': kind} for kind in ('optical', 'em', 'force')],
+            '': [{}]}[each]
+
+
+def _said(place):
+    return [str(v[0]) if isinstance(v, tuple) else str(v) for v in place.values()]
+
+
+def joined(*parts):
+    """One Nuisances of several of the same baseline."""
+    return replace(parts[0], names=tuple(n for part in parts for n in part.names), values={
+        kind: np.concatenate([part.values[kind] for part in parts], axis=3)
+        for kind in parts[0].values})

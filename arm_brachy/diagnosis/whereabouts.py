@@ -1,0 +1,71 @@
+"""Where a cause is: actuator, stream, boundary or position with its 90 % region."""
+
+import numpy as np
+from scipy.stats import chi2
+
+from arm_brachy.core.term import Kind
+from arm_brachy.diagnosis.statements import Place
+
+SHARE = 0.9
+BOUNDARIES = {'base_debond': 'base', 'base_compliance': 'base', 'breathing': 'base',
+              'obstacle': 'surface', 'external_force': 'surface', 'reference_shape': 'surface',
+              'skin_layer': 'surface'}
+CENTRES = ('centre', 'bump_centre')
+
+
+def place_of(term, scene, spread=None, option=0):
+    """statements.Place of a term of the registry, as it was found; None if it is everywhere.
+
+    scene : core.scene.Scene;  spread : (3, 3) [m^2] covariance of its centre, None = no centre
+    """
+    name, kind = term.spec.name, term.spec.kind
+    said = {'term': name, 'option': option}
+    if spread is not None:
+        centre = next(getattr(term, key) for key in CENTRES if hasattr(term, key))
+        return Place(boundary=BOUNDARIES.get(name, ''), position=tuple(map(float, centre)),
+                     radius=radius_of(spread), **said)
+    if name in BOUNDARIES and name != 'skin_layer':
+        return Place(boundary=BOUNDARIES[name], **said)
+    actuators, pads = getattr(term, 'actuators', ()), getattr(term, 'pads', ())
+    if len(actuators) == 1:
+        return Place(actuator=scene.pads[actuators[0]].name, **said)
+    if kind is Kind.SENSING:
+        channel = getattr(term, 'marker', '') or next(iter(
+            (*pads, *getattr(term, 'tools', ()))), '')
+        return Place(stream=getattr(term, 'stream', term.stage.value), channel=channel, **said)
+    if len(pads) == 1:
+        return Place(boundary=f'surface under {pads[0]}', **said)
+    return None
+
+
+def radius_of(covariance):
+    """[m] of the ball around the mean that holds 90 % of a normal place, by its widest axis."""
+    widest = float(np.linalg.eigvalsh(covariance)[-1])
+    return float(np.sqrt(max(widest, 0.0) * chi2.ppf(SHARE, 3)))
+
+
+def channel_place(label):
+    """Place of a structured test ((kind, channel, axis), feature) that stands out."""
+    (kind, channel, _), _ = label
+    return Place(stream=kind, channel=channel)
+
+
+def marker_place(scene, weights):
+    """Place around the markers that an unexplained residual moves most; None without them.
+
+    weights : marker name -> size of what is left
+    It says where to look, not what is there.
+    """
+    at = {m.name: np.array(m.position) for m in scene.markers}
+    some = [(at[name], w) for name, w in weights.items() if name in at and w > 0.0]
+    if not some:
+        return None
+    points, w = np.array([p for p, _ in some]), np.array([w for _, w in some])
+    w = (w / w.max())**4        # the loudest decide
+    centre = w @ points / w.sum()
+    far = np.linalg.norm(points - centre, axis=1)
+    return Place(position=tuple(map(float, centre)),
+                 radius=float(np.sqrt(w @ far**2 / w.sum())) or float(np.min(
+                     far[far > 0.0], initial=np.inf)))
+
+

@@ -1,0 +1,88 @@
+"""A recording before any model: kinds of push, what is handed on, the pushes to make again."""
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.given import given, occasions_of
+from arm_brachy.diagnosis.motion import motion_of
+from arm_brachy.diagnosis.occasion import intervals, regime_of
+from arm_brachy.diagnosis.pushes import moves_of
+from arm_brachy.diagnosis.recorded import look
+from arm_brachy.evaluation.regimes import HOLD, REST
+
+PLAY = {'name': 'backlash', 'width_mm': 0.5, 'actuators': [0]}
+SLIP = {'name': 'marker_slip', 'marker': 'tissue_3', 'onset_s': 9.0, 'offset_mm': [1.0, 0.0, 0.5]}
+
+
+@pytest.fixture(scope='module')
+def looked(recorded, laboratory):
+    """Entry -> Recorded of the short protocol: 8, 6, 4 mm alone, then two pairs."""
+    scene = laboratory().scene
+    return lambda entry=None: look(evidence_of(recorded(entry), scene))
+
+
+@pytest.fixture(scope='module')
+def sound(looked):
+    return looked()
+
+
+def test_kinds_are_what_a_person_calls_another_push(sound):
+    assert set(sound.kinds) == {
+        'pad_0 to 8 mm at 16 mm/s', 'pad_1 to 8 mm at 16 mm/s', 'pad_2 to 4 mm at 16 mm/s',
+        'pad_0 and pad_1 to 4 mm at 16 mm/s', 'pad_1 and pad_2 to 8 mm at 16 mm/s'}
+
+
+def test_play_is_handed_on_as_a_term_and_nothing_else_is(looked, sound):
+    assert given((sound,)).terms == ()
+    term, = given((looked(PLAY),)).terms
+    assert term.spec.name == 'backlash' and term.actuators == (0,)
+    assert term.width == pytest.approx(0.5e-3, rel=0.1)
+
+
+def test_what_a_sound_recording_shows_as_well_is_no_news(looked):
+    one = looked(PLAY)
+    assert given((one,), known=one.structure.findings).certain == ()
+
+
+def test_a_slip_says_when_something_happened(looked):
+    occasions = occasions_of((looked(SLIP),))
+    assert occasions.onsets and min(abs(t - 9.0) for t in occasions.onsets) < 0.2
+    (start, end), = [w for w in occasions.windows if abs(w[0] - 9.0) < 0.2]
+    assert end > start
+
+
+def test_the_pushes_can_be_made_again(sound):
+    """Following the moves arrives at the corners of the recorded path."""
+    motion = motion_of(sound.prepared.evidence)
+    moves = moves_of(motion, ('pad_0', 'pad_1', 'pad_2'))
+    ends = np.array([[pad.position for pad in move.pads] for move in moves])
+    assert ends.max(axis=0) == pytest.approx([8e-3, 6e-3, 6e-3], abs=1e-4)
+    assert np.all([0.0 < move.speed < 0.03 for move in moves])
+    assert sum(move.hold for move in moves) < motion.t[-1] - motion.t[0]
+
+
+def test_an_effect_of_depth_shows_while_pads_are_in(sound):
+    states = sound.states
+    depth = states.q.max(axis=1)
+    assert regime_of(states, depth) == 'amplitude'
+    assert regime_of(states, (states.labels.regime == REST) * 1.0) == 'rest'
+    assert regime_of(states, depth * (states.labels.regime == HOLD)) == 'hold'
+    rng = np.random.default_rng(2)
+    assert regime_of(states, rng.uniform(size=len(depth))) == ''
+
+
+class Half:
+    """A Matched as far as `intervals` looks at it."""
+
+    def __init__(self, recorded):
+        self.recorded = recorded
+
+
+def test_when_is_where_the_effect_is_large(sound):
+    t = sound.states.t
+    inside = (t > 8.0) & (t < 12.0)
+    one, = intervals(Half(sound), np.where(inside, 1.0, 0.1), term='obstacle')
+    assert one.t_start == pytest.approx(t[inside][0], abs=0.5)
+    assert one.t_end == pytest.approx(t[inside][-1], abs=0.5)
+    assert intervals(Half(sound), np.zeros(len(t))) == ()
