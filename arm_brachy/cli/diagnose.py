@@ -34,13 +34,15 @@ from arm_brachy.diagnosis.statements import edge_unit
 @click.option('--null', 'null', multiple=True, type=click.Path(), metavar='BAG',
               help='A recording of the same cell in which nothing is wrong; may be given several '
                    'times. What it shows as well is no fault.')
+@click.option('--hold-out', 'held_out', multiple=True, type=click.Path(), metavar='BAG',
+              help='A recording to test on, not fitted; may be given several times.')
 @click.option('--seed', default=0, show_default=True, type=click.IntRange(0),
               help='Of the random draws in tests and meshes.')
 @click.option('--out', type=click.Path(), metavar='FOLDER',
               help='Of page, JSON and corrected scenario; new or empty. '
                    'Default: runs/diagnosis-<time>.')
 @json_option
-def diagnose(bags, scene, null, seed, out, json_file):
+def diagnose(bags, scene, null, held_out, seed, out, json_file):
     """Where and when BAGs differ from their model, what physics is missing, how sure that is.
 
     All recordings are of one body; kinds of push are held out in turn, and what is named has to
@@ -52,13 +54,14 @@ def diagnose(bags, scene, null, seed, out, json_file):
       arm-brachy diagnose a b --null sound --scene phantom.yaml --json found.json
     """
     described = load_scene(scene)
-    evidences, sound = load_evidence(bags, described), load_evidence(null, described)
+    evidences, sound, tested = (load_evidence(some, described)
+                                for some in (bags, null, held_out))
     name = Path(bags[0]).resolve().stem if len(bags) == 1 else f'{len(bags)} recordings'
     made_by = summary(name, (), seed=seed)
     provenance = Provenance(name, seed, made_by.commit, made_by.machine, str(scene), (),
-                            _typed(bags, scene, null))
+                            _typed(bags, scene, null, held_out))
     with new_folder(result_folder(out, 'diagnosis')) as folder:
-        answer = _run(evidences, sound, provenance)
+        answer = _run(evidences, sound, tested, provenance)
         found = _corrected(answer.diagnosis, evidences[0], scene, folder)
         write_diagnosis(found, answer.shown, folder / 'diagnosis.html')
         found.to_json(folder / 'diagnosis.json')
@@ -67,12 +70,13 @@ def diagnose(bags, scene, null, seed, out, json_file):
     _show(found, folder)
 
 
-def _typed(bags, scene, null):
+def _typed(bags, scene, null, held_out):
     words_ = ['arm-brachy diagnose', *map(str, bags), f'--scene {scene}']
-    return ' '.join(words_ + [f'--null {bag}' for bag in null])
+    words_ += [f'--null {bag}' for bag in null]
+    return ' '.join(words_ + [f'--hold-out {bag}' for bag in held_out])
 
 
-def _run(evidences, sound, provenance):
+def _run(evidences, sound, tested, provenance):
     """The Answer, under a progress bar."""
     with Progress(SpinnerColumn(), TextColumn('{task.description}'), BarColumn(),
                   TimeElapsedColumn(), console=errors, transient=True) as bar:
@@ -81,15 +85,17 @@ def _run(evidences, sound, provenance):
         def show(step, share):
             bar.update(task, description=step, completed=share)
 
-        return stages.diagnose(evidences, provenance, null=sound, progress=show)
+        return stages.diagnose(evidences, provenance, held_out=tested, null=sound,
+                               progress=show)
 
 
 def _corrected(found, evidence, scene, folder):
     """The Diagnosis with the path of the corrected scenario, if there is anything to correct."""
     if not [cause for cause in found.causes if cause.physical] and not found.recalibrated:
         return found
-    base = base_scenario(scene, Path(scene).stem, found.provenance.seed,
-                         moves_of(motion_of(evidence), evidence.pads))
+    motion = motion_of(evidence)
+    moves = () if motion is None else moves_of(motion, evidence.pads)
+    base = base_scenario(scene, Path(scene).stem, found.provenance.seed, moves)
     path = write_corrected(found, base, folder / 'corrected.yaml')
     return replace(found, scene=str(path))
 

@@ -1,13 +1,14 @@
-"""From a decision and a fit to the parts of an answer: causes, places, times, what lost."""
+"""From a decision to the parts of an answer: places, times, what lost, what is left."""
 
 import numpy as np
 from scipy.special import logsumexp
 
-from arm_brachy.core.quantity import quantities
-from arm_brachy.diagnosis.cause import Cause, Estimate
+from arm_brachy.diagnosis.cause import Estimate
+from arm_brachy.diagnosis.fitted import TO_90
 from arm_brachy.diagnosis.inference import detectability, posterior
 from arm_brachy.diagnosis.occasion import intervals, shown_in
 from arm_brachy.diagnosis.statements import Alternative
+from arm_brachy.diagnosis.stream import OPTICAL
 from arm_brachy.diagnosis.whereabouts import CENTRES, channel_place, marker_place, place_of
 
 VISIBLE = 3.0       # standard deviations that an effect of typical size must make to be seen
@@ -22,37 +23,15 @@ def probabilities(decision):
     return share[0], share[1:-1]
 
 
-def causes_of(fit, hypotheses, probability, option=0):
-    """Cause each of a refit.Refit of Hypotheses."""
-    return tuple(_cause(term, fit.estimates[i], one, probability, option)
-                 for i, (term, one) in enumerate(zip(fit.terms, hypotheses, strict=True)))
-
-
-def _cause(term, estimates, hypothesis, probability, option):
-    scaled = set(quantities(type(term)))
-    fixed = {name: value for name, value in hypothesis.place.items()
-             if name in scaled and name not in estimates}
-    parameters = {**estimates, **{name: _known(value) for name, value in fixed.items()}}
-    chosen = {k: v for k, v in hypothesis.place.items() if k not in scaled}
-    return Cause(term.spec.name, parameters, chosen, float(min(probability, 1.0)), option)
-
-
-def _known(value):
-    """An Estimate of what was given and not fitted: its error is not known."""
-    value = np.asarray(value, dtype=float)
-    ends = value - np.inf, value + np.inf
-    return Estimate(*(tuple(map(float, v)) if value.ndim else float(v) for v in (value, *ends)))
-
-
-def places_of(fit, hypotheses, scene, option=0):
-    """statements.Place of every term of a Refit that is somewhere."""
-    spreads = _spreads(fit)
-    found = [place_of(term, scene, spreads.get(i), option) for i, term in enumerate(fit.terms)]
+def places_of(fitted, scene, option=0):
+    """statements.Place of every term of a fitted.Fitted that is somewhere."""
+    spreads = {} if fitted.refit is None else _spreads(fitted.refit)
+    found = [place_of(term, scene, spreads.get(i), option) for i, term in enumerate(fitted.terms)]
     return tuple(one for one in found if one is not None)
 
 
 def _spreads(fit):
-    """Number of the hypothesis -> (3, 3) [m^2] covariance of its centre."""
+    """Number of the hypothesis -> (3, 3) [m^2] covariance of its centre, from a refit.Refit."""
     out = {}
     for chart, part in zip(fit.space.charts, fit.space.slices, strict=True):
         if chart.field in CENTRES:
@@ -63,7 +42,7 @@ def _spreads(fit):
     return out
 
 
-def times_of(assembly, candidate, option=0):
+def times_of(assembly, candidate):
     """statements.Interval in which each cause of a decide.Candidate shows."""
     out, first = [], 0
     for one in candidate.explanations:
@@ -82,22 +61,24 @@ def split_rows(assembly, values):
             zip(assembly.matched, ends[:-1], ends[1:], strict=True)]
 
 
-def unexplained(assembly, decision, explanations):
-    """(places, intervals) of what is left, with the nuisances and causes at their best."""
+def left_over(assembly, explanations):
+    """(N,) what is left of the residual with nuisances and explanations at their best."""
     problem = assembly.problem
     U = np.hstack([problem.U, *(e.columns for e in explanations)])
-    left = problem.r - U @ posterior(U, problem.r).mean
-    where = [channel_place(assembly.tests[decision.left.worst])]
-    weights = {}
+    return problem.r - U @ posterior(U, problem.r).mean
+
+
+def unexplained(assembly, worst, left):
+    """(places, intervals) of what is left (N,); worst : number of the test that stands out."""
+    where, weights = [channel_place(assembly.tests[worst])], {}
     for m, rows in split_rows(assembly, left):
         for row, value in zip(m.observables.rows, rows, strict=True):
-            if row.kind == 'optical':
+            if row.kind == OPTICAL:
                 weights[row.channel] = weights.get(row.channel, 0.0) + value**2
     around = marker_place(assembly.matched[0].baseline.model.specimen.scene, weights)
-    where += [around] if around is not None else []
     when = [one for m, rows in split_rows(assembly, left)
             for one in intervals(m, shown_in(m, rows))]
-    return tuple(where), tuple(when)
+    return (*where, *([] if around is None else [around])), tuple(when)
 
 
 def alternatives_of(assembly, decision, named=()):
@@ -113,11 +94,10 @@ def alternatives_of(assembly, decision, named=()):
                    for e in one.explanations for column in e.columns.T)
         out.append(Alternative(one.causes, one.held_out, bool(size >= VISIBLE)))
     out.sort(key=lambda a: (not a.visible, -a.held_out))
-    out = out[:MOST]
-    out += [Alternative((term,), 0.0, False, f'not tried: {why}')
-            for term, why in assembly.tried.left_out.items()
-            if term not in named and 'recalibrated' not in why]
-    return tuple(out)
+    untried = [Alternative((term,), 0.0, False, f'not tried: {why}')
+               for term, why in assembly.tried.left_out.items()
+               if term not in named and 'recalibrated' not in why]
+    return (*out[:MOST], *untried)
 
 
 def recalibrated(assembly, scene, explanations, spread):
@@ -132,6 +112,6 @@ def recalibrated(assembly, scene, explanations, spread):
     sd = float(np.sqrt(fit.covariance([column])[0, 0]))
     if sd > TOLD:
         return {}
-    value, reach = 1.0 + spread * fit.mean[column], 1.645 * spread * sd
+    value, reach = 1.0 + spread * fit.mean[column], TO_90 * spread * sd
     E = scene.material.E
     return {'E': Estimate(*(float(E * v) for v in (value, value - reach, value + reach)))}

@@ -155,10 +155,13 @@ class Judge:
     """Decides on one Problem.
 
     rng : numpy.random.Generator for the distribution of structured tests
+    check : Candidate -> adequacy.Scan of what it leaves, where the answer to a cause as large as
+        that is no longer linear; None = by the columns of the problem
     """
 
-    def __init__(self, problem, rng, rules=None):
+    def __init__(self, problem, rng, rules=None, check=None):
         self.problem, self.rules, self._rng = problem, rules or Rules(), rng
+        self._check = check or (lambda candidate: self._scan(candidate.explanations))
         self._all, self._without = _grams(problem)
         ends = np.cumsum([0, *(e.columns.shape[1] for e in problem.explanations)])
         self._columns = {id(e): np.arange(a, b) for e, a, b in
@@ -170,11 +173,11 @@ class Judge:
         if before.chance >= self.rules.alarm and not self._claims(ranked[:1]):
             return Decision('nothing_missing', None, (), ranked, before, before)
         tried = ranked[:1] if self._claims(ranked[:1]) else ()
-        left = self._scan(tried[0].explanations) if tried else before
+        left = self._check(tried[0]) if tried else before
         if not tried or left.chance < self.rules.alarm:
             pair = self._best_pair(ranked)
             if pair is not None and self._claims((pair,), over=tried):
-                tried, left = (pair,), self._scan(pair.explanations)
+                tried, left = (pair,), self._check(pair)
         if not tried or left.chance < self.rules.alarm:
             return Decision('unexplained', None, (), ranked, left, before)
         equals = self._equals(tried[0], ranked)

@@ -75,6 +75,6 @@ def occasions_of(recorded):
             if 'frequency' in finding.parameters:
                 frequencies.append(float(finding.parameters['frequency']))
     onsets = sorted(set(onsets))
-    windows = [(a, b) for a, b in zip(onsets, [*onsets[1:], max(ends, default=0.0)],
-                                      strict=True) if b > a]
+    stops = [*onsets, max(ends)][1:]
+    windows = [(a, b) for a, b in zip(onsets, stops, strict=True) if b > a]
     return Occasions(tuple(onsets), tuple(windows), tuple(frequencies))

@@ -1,12 +1,12 @@
 """A recording beside its model: whitened residual, what may be in it, what may explain it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.model_error import model_errors, timing_errors
+from arm_brachy.diagnosis.model_error import timing_errors, with_accuracy
 from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.observables import Observables, channels_of, measured
 from arm_brachy.diagnosis.recorded import Recorded
@@ -36,6 +36,13 @@ class Matched:
         self.r = self.observables.residual(self.baseline.shown)
         self.U = self.observables.whiten(self.nuisances.values)
 
+    def loosen(self, names, factor):
+        """Multiply the columns of nuisances of these names."""
+        chosen = np.where(np.isin(self.nuisances.names, names), factor, 1.0)
+        self.nuisances = replace(self.nuisances, values={
+            kind: chosen * values for kind, values in self.nuisances.values.items()})
+        self.U = self.U * chosen
+
     @property
     def own(self):
         """(k,) True for nuisances that other recordings do not share."""
@@ -47,16 +54,18 @@ class Matched:
         return np.array(self.recorded.kinds, dtype=object)[self.observables.states]
 
 
-def match(recorded, specimen, terms=(), *, calibration=None, accuracy=None, more=()):
+def match(recorded, specimen, ensemble, terms=(), *, calibration=None, accuracy=None):
     """Matched of a Recorded and a specimen.Specimen with terms.
 
     calibration : finding.Calibration;  accuracy : model_error.Accuracy
-    more : functions of the baseline.Baseline that return further Nuisances
+    ensemble : mesh_errors.Ensemble of its body
     Raises what Baseline raises.
     """
     baseline = Baseline(ForwardModel(specimen, terms), recorded.path, recorded.states.t)
-    observables = Observables(measured(recorded.states), channels_of(specimen))
+    channels, least = channels_of(specimen), np.abs(recorded.states.q).sum(axis=1).argmin()
+    rest = {kind: shown[least] for kind, shown in baseline.shown.items()}
+    observables = Observables(with_accuracy(measured(recorded.states), baseline.shown, rest,
+                                            channels, accuracy), channels)
     parts = [nuisances(baseline, calibration), tolerances(baseline, calibration),
-             model_errors(baseline, accuracy), timing_errors(baseline, recorded, accuracy),
-             *(make(baseline) for make in more)]
+             timing_errors(baseline, recorded, accuracy), ensemble.along(baseline)]
     return Matched(recorded, baseline, observables, joined(*parts))

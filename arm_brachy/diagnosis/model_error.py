@@ -1,63 +1,44 @@
-"""What no model of tissue gets right: errors that grow with the push, each channel its own.
+"""How well a model of tissue can do at best, besides the errors of its mesh (`mesh_errors`).
 
-Elements, the outline of a pad, the shape of the body: they change what a marker does per push by
-some per cent, in a way that is the same whenever that pad is pushed and free otherwise. An
-ensemble of meshes shows the part that is common to all channels (`mesh_errors`); this is the rest.
-Source: model discrepancy as a prior of its own, Kennedy & O'Hagan 2001, J R Stat Soc B 63:425,
-here linear and quadratic in each push so that it cannot follow time, rate or the past.
+What a mesh does wrong is the same at every push; here is what is not: interplay of pads, paths
+between the samples of an encoder.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.nuisances import Nuisances
-from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL
+from arm_brachy.diagnosis.stream import ENCODER
 
 
 @dataclass(frozen=True)
 class Accuracy:
     """How well a model can be expected to do, one standard deviation."""
 
-    share: float = quantity(0.02, '', 'error over motion or force of a channel, per axis, of a '
-                            'full push', low=0.0, high=1.0,
-                            source='own choice: meshes of 2 k quadratic elements among themselves')
+    share: float = quantity(0.005, '', 'error over motion from rest, or over force, of a channel, '
+                            'per axis, from state to state', low=0.0, high=1.0,
+                            source='own choice: pairs of pads beside the sum of single ones, '
+                                   'where meshes differ (a tenth of 5 %)')
     timing: float = quantity(0.05, '', 'error of the time of a moving state over the period of '
                              'the encoders', low=0.0, high=1.0,
                              source='own choice: a path between samples is not straight')
 
 
-def model_errors(baseline, accuracy=None):
-    """Return Nuisances of a baseline.Baseline: two columns per pad, channel and axis.
+def with_accuracy(measured, shown, rest, channels, accuracy=None):
+    """observables.Measured each with the sd that model and sensor have together.
 
-    accuracy : Accuracy, None = its defaults. Markers on pads and base are left out: no tissue.
+    shown : kind -> (n, c, 3) of the model;  channels : kind -> names of its c;  rest : the same
+        as shown, with the pads at home
     """
-    share = (accuracy or Accuracy()).share
-    model, n = baseline.model, len(baseline.t)
-    q = baseline.path.at(baseline.t)
-    deepest = np.maximum(q.max(axis=0), 1e-12)
-    by_pad = [baseline.pads_moved(int(q[:, p].argmax()), deepest * (np.arange(q.shape[1]) == p))
-              for p in range(q.shape[1])]
-    counts = {OPTICAL: len(model.specimen.markers), EM: len(model.specimen.tools),
-              FORCE: len(model.specimen.pads)}
-    inside = model.attached.inside
-    soft = {OPTICAL: inside[:counts[OPTICAL]], EM: inside[counts[OPTICAL]:],
-            FORCE: np.ones(counts[FORCE], dtype=bool)}
-    names, columns = [], []
-    for p in np.flatnonzero(deepest > 1e-6):
-        push = q[:, p] / deepest[p]
-        for kind, count in counts.items():
-            size = share * np.linalg.norm(by_pad[p][kind], axis=1)
-            for c in np.flatnonzero(soft[kind][:count]):
-                for axis in range(3):
-                    for power in (1, 2):
-                        names.append(f'model_{kind}_{c}_{axis}_pad_{p}_{power}')
-                        columns.append((kind, c, axis, size[c] * push**power))
-    values = {kind: np.zeros((n, count, 3, len(names))) for kind, count in counts.items()}
-    for j, (kind, c, axis, column) in enumerate(columns):
-        values[kind][:, c, axis, j] = column
-    return Nuisances(tuple(names), values)
+    share, out = (accuracy or Accuracy()).share, []
+    for stream in measured:
+        index = [channels[stream.kind].index(name) for name in stream.names]
+        moved = (shown[stream.kind] - rest[stream.kind])[:, index]
+        size = share * np.linalg.norm(moved, axis=2)[..., None]
+        out.append(replace(stream, sd=np.sqrt(stream.sd**2 + size**2)))
+    return tuple(out)
 
 
 def timing_errors(baseline, recorded, accuracy=None):

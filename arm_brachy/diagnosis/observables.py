@@ -1,6 +1,6 @@
 """Everything measured at the states, as one vector whose noise is white."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -62,7 +62,7 @@ class Observables:
     """
 
     def __init__(self, measured, channels):
-        self.measured = tuple(measured)
+        self.measured, self._channels = tuple(measured), channels
         self._blocks, rows = [], []
         for stream in self.measured:
             unknown = [n for n in stream.names if n not in channels[stream.kind]]
@@ -79,6 +79,13 @@ class Observables:
                     self._blocks.append((stream.kind, c, there, axis, seen, factor))
                     rows += [Row(stream.kind, name, axis, int(i)) for i in seen]
         self.rows = tuple(rows)
+
+    def at(self, states):
+        """The Observables at some states (m,) only, numbered anew."""
+        return Observables([replace(
+            stream, values=stream.values[states], valid=stream.valid[states],
+            sd=stream.sd[states], correlation=stream.correlation[np.ix_(states, states)])
+            for stream in self.measured], self._channels)
 
     @property
     def states(self):
@@ -97,15 +104,19 @@ class Observables:
             out.append(solve_triangular(factor, part, lower=True))
         return np.concatenate(out) if out else np.zeros((0, k))
 
-    def rows_of(self, values):
-        """Return (N, k) of arrays kind -> (n, c, 3, k) in the model's order, as they are.
+    def whiten_feature(self, values):
+        """Return (N,) of what is values (n,) at every state, alike in all channels."""
+        out = [solve_triangular(factor, values[seen], lower=True)
+               for *_, seen, factor in self._blocks]
+        return np.concatenate(out) if out else np.zeros(0)
 
-        A kind that is left out counts as zero.
-        """
-        k = next(iter(values.values())).shape[3]
-        out = [values[kind][seen, there, axis] if kind in values else np.zeros((len(seen), k))
-               for kind, _, there, axis, seen, _ in self._blocks]
-        return np.concatenate(out) if out else np.zeros((0, k))
+    def coloured(self, values):
+        """Return (N,) SI of whitened values (N,): the inverse of what whitening did."""
+        out, first = [], 0
+        for *_, seen, factor in self._blocks:
+            out.append(factor @ values[first:first + len(seen)])
+            first += len(seen)
+        return np.concatenate(out) if out else np.zeros(0)
 
     @property
     def sd(self):

@@ -101,7 +101,8 @@ def attach(specimen, body):
     carriers = np.array([*specimen.carriers, *[TISSUE] * len(specimen.tools)])
     on_pad = (carriers[:, None] == np.array(specimen.pads)).astype(float)
     shift = np.array([new.centre - old.centre
-                      for new, old in zip(body.pads, specimen.body.pads, strict=True)])
+                      for new, old in zip(body.pads, specimen.body.pads, strict=True)]
+                     ).reshape(-1, 3)
     rest, inside = specimen.rest + on_pad @ shift, carriers == TISSUE
     names = [*specimen.markers, *specimen.tools]
     embedding = embed(placement_mesh(specimen.mesh, body), rest[inside],

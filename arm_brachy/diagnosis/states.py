@@ -8,7 +8,9 @@ from arm_brachy.diagnosis.labels import Labels, free_labels, labels_of
 from arm_brachy.diagnosis.stream import ENCODER
 from arm_brachy.diagnosis.windows import free_windows, windows_of
 
-LIMIT = 150     # states: as many equilibria of a thesis-size mesh take some seconds
+LIMIT = 80      # states: more say no more where the model is the limit, and take minutes
+LONGEST_GAP = 1.5   # periods between the samples on either side of an instant on a ramp
+CENTRED = 1e-3      # s: a sample that near the centre of a ramp's window is at it
 
 
 @dataclass(frozen=True)
@@ -90,12 +92,13 @@ def _pushes(prepared, windows):
     column = [pads.index(name) for name in encoder.names]
     q, v = np.zeros((len(windows), len(pads))), np.zeros((len(windows), len(pads)))
     part = _averaged(encoder, prepared.noise[ENCODER], windows, 0.0)
-    q[:, column] = part.values[:, :, 0]
+    between = encoder.at(np.array([w.centre for w in windows]))[..., 0]
+    q[:, column] = np.where(np.isfinite(part.values[:, :, 0]), part.values[:, :, 0], between)
     ends = np.array([[w.start, w.stop] for w in windows])
     moved = encoder.at(ends[:, 1])[..., 0] - encoder.at(ends[:, 0])[..., 0]
     moves = np.array([w.moves for w in windows])
     v[:, column] = np.where(moves[:, None], moved / np.diff(ends), 0.0)
-    return np.where(np.isfinite(q), q, 0.0), v
+    return q, v
 
 
 def _path(motion, windows, q):
@@ -123,8 +126,8 @@ def _averaged(stream, noise, windows, late):
         mean = np.einsum('nk,nkc->kc', weight, np.where(seen[..., None], x, 0.0))
         factor = noise.colour.mean_variance(n, noise.period)
         if window.moves:
-            mean, more = _at_centre(x, t, seen, weight, mean)
-            factor = factor * more
+            mean, more, known = _at_centre(x, t, seen, weight, mean)
+            factor, some = factor * more, some & known
         values[i, some] = mean[some]
         variance[i, some] = (factor[:, None] * noise.sd ** 2)[some]
         count[i] = n
@@ -132,24 +135,34 @@ def _averaged(stream, noise, windows, late):
 
 
 def _rows(stream, window, late):
-    """Samples inside a window; of one shorter than two samples, the nearest one."""
+    """Samples inside a window; of a stand shorter than one sample the nearest one, of a ramp
+    shorter than two those on either side of its centre.
+    """
     start = int(np.searchsorted(stream.t, window.start + late - 1e-9))
     stop = int(np.searchsorted(stream.t, window.stop + late + 1e-9))
-    if stop - start >= 1:
+    if stop - start >= (2 if window.moves else 1):
         return slice(start, stop)
-    nearest = int(np.argmin(np.abs(stream.t - window.centre - late)))
-    near = abs(stream.t[nearest] - window.centre - late) <= stream.period
+    centre = window.centre + late
+    if window.moves:
+        after = int(np.clip(np.searchsorted(stream.t, centre), 1, len(stream.t) - 1))
+        near = stream.t[after] - stream.t[after - 1] <= LONGEST_GAP * stream.period
+        return slice(after - 1, after + 1) if near else slice(0, 0)
+    nearest = int(np.argmin(np.abs(stream.t - centre)))
+    near = abs(stream.t[nearest] - centre) <= stream.period
     return slice(nearest, nearest + 1) if near else slice(0, 0)
 
 
 def _at_centre(x, t, seen, weight, mean):
-    """Straight lines through the samples of a ramp at t = 0, and what that costs in variance."""
+    """Straight lines through the samples of a ramp at t = 0, what that costs in variance, and
+    where there is one: a single sample beside the centre says nothing of it.
+    """
     middle = weight.T @ t
     spread = np.where(seen, t[:, None] - middle, 0.0)
     power = np.sum(spread ** 2, axis=0)
     slope = np.einsum('nk,nkc->kc', spread, np.where(seen[..., None], x, 0.0))
-    known = power > 0.0
-    safe = np.where(known, power, 1.0)
-    slope = np.where(known[:, None], slope / safe[:, None], 0.0)
+    sloped = power > 0.0
+    safe = np.where(sloped, power, 1.0)
+    slope = np.where(sloped[:, None], slope / safe[:, None], 0.0)
     n = seen.sum(axis=0)
-    return mean - slope * middle[:, None], 1.0 + np.where(known, n * middle ** 2 / safe, 0.0)
+    more = 1.0 + np.where(sloped, n * middle ** 2 / safe, 0.0)
+    return mean - slope * middle[:, None], more, sloped | (np.abs(middle) < CENTRED)

@@ -1,0 +1,183 @@
+"""What was chosen, fitted in full: numbers with intervals, and how well kinds held out are met."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.core.errors import NotConverged
+from arm_brachy.diagnosis.adequacy import scan
+from arm_brachy.diagnosis.assembly import features_of, structured_tests
+from arm_brachy.diagnosis.cause import Cause, Estimate
+from arm_brachy.diagnosis.forward import ForwardModel
+from arm_brachy.diagnosis.held_out import Part, stacked
+from arm_brachy.diagnosis.refit import Data, Refit, refit
+from arm_brachy.diagnosis.stream import FORCE
+
+STATES = 30         # of each recording at which causes are fitted in full
+TO_90 = 1.645       # standard deviations to either end of a normal 90 % interval
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A decide.Candidate with its numbers.
+
+    hypotheses : hypothesis.Hypothesis each;  terms : of the registry, as found
+    estimates : per hypothesis {field: cause.Estimate}
+    refit : refit.Refit, None where it did not settle
+    notes : sentences
+    """
+
+    hypotheses: tuple
+    terms: tuple
+    estimates: tuple
+    refit: Refit | None
+    notes: tuple = ()
+
+    def causes(self, probability, option=0):
+        """cause.Cause each."""
+        return tuple(Cause(one.name, {**self._placed(i), **self.estimates[i]}, self._chosen(i),
+                           float(min(probability, 1.0)), option)
+                     for i, one in enumerate(self.hypotheses))
+
+    def _placed(self, i):
+        """Estimates of what a candidate gave and no fit changed: their error is not known."""
+        scaled = set(Cause(self.hypotheses[i].name).declared.__dataclass_fields__)
+        return {name: _unsure(value) for name, value in self.hypotheses[i].place.items()
+                if name in scaled and name not in self.estimates[i] and _number(value)}
+
+    def _chosen(self, i):
+        return {k: v for k, v in self.hypotheses[i].place.items() if not _number(v)
+                or k == 'pad'}
+
+
+def _number(value):
+    return not isinstance(value, str) and np.size(value) > 0 and all(
+        isinstance(v, float) for v in np.atleast_1d(np.array(value, dtype=object)))
+
+
+def _unsure(value):
+    value = np.asarray(value, dtype=float)
+    parts = (value, value - np.inf, value + np.inf)
+    return Estimate(*(tuple(map(float, p)) if value.ndim else float(p) for p in parts))
+
+
+def fit_in_full(assembly, candidate):
+    """Fitted of a decide.Candidate of an assembly.Assembly, at some states of each recording.
+
+    Where the full fit does not settle, the numbers are those of the linear answer, and a note
+    says so.
+    """
+    hypotheses = tuple(assembly.hypothesis_of(e)[0] for e in candidate.explanations)
+    amplitudes, widths, first = [], [], 0
+    for one in hypotheses:
+        spread = np.array([s.spread for s in one.strengths])
+        part = slice(first, first + len(spread))
+        amplitudes.append(spread * candidate.mean[part])
+        widths.append(spread * candidate.sd[part])
+        first += len(spread)
+    data = [data_of(m)[0] for m in assembly.matched[:len(assembly.matched) - assembly.sound]]
+    try:
+        found = refit(data, hypotheses, amplitudes)
+    except NotConverged as error:
+        estimates = tuple(_linear(*x) for x in zip(hypotheses, amplitudes, widths, strict=True))
+        terms = tuple(one.term(a) for one, a in zip(hypotheses, amplitudes, strict=True))
+        names = ' and '.join(one.name for one in hypotheses)
+        return Fitted(hypotheses, terms, estimates, None, (
+            f'The full fit of {names} did not settle ({error}); its numbers are those of the '
+            'linear answer.',))
+    return Fitted(hypotheses, found.terms,
+                  tuple(found.estimates[i] for i in range(len(hypotheses))), found)
+
+
+def _linear(hypothesis, amplitude, width):
+    """{field: Estimate} of the strengths by the linear answer."""
+    out = {}
+    for strength, a, w in zip(hypothesis.strengths, amplitude, width, strict=True):
+        ends = sorted(strength.value(v) for v in (a - TO_90 * w, a, a + TO_90 * w))
+        low, value, high = ends[0], strength.value(a), ends[-1]
+        if strength.component is None:
+            out[strength.name] = Estimate(value, low, high)
+        else:
+            before = out.get(strength.name, Estimate((), (), ()))
+            out[strength.name] = Estimate((*before.value, value), (*before.low, low),
+                                          (*before.high, high))
+    return out
+
+
+def data_of(m):
+    """(refit.Data of a Matched at some of its states, their numbers (k,))."""
+    n = len(m.recorded.states.t)
+    kept = np.unique(np.linspace(0, n - 1, min(n, STATES)).round().astype(int))
+    observables = m.observables.at(kept)
+    U = observables.whiten({kind: v[kept] for kind, v in m.nuisances.values.items()})
+    return Data(m.baseline.model.specimen, m.recorded.path, m.recorded.states.t[kept],
+                observables, U, m.baseline.model.terms), kept
+
+
+class FullFits:
+    """Fitted of every decide.Candidate that is asked for, once, and what each leaves.
+
+    rng : numpy.random.Generator for the distribution of structured tests
+    """
+
+    def __init__(self, assembly, rng):
+        self._assembly, self._rng, self._known = assembly, rng, {}
+
+    def of(self, candidate):
+        """The Fitted of a decide.Candidate."""
+        key = tuple(map(id, candidate.explanations))
+        if key not in self._known:
+            self._known[key] = fit_in_full(self._assembly, candidate)
+        return self._known[key]
+
+    def check(self, candidate):
+        """The adequacy.Scan of what it leaves, its numbers free to first order."""
+        found = self.of(candidate)
+        problem = self._assembly.problem
+        if found.refit is None:
+            U = np.hstack([problem.U, *(e.columns for e in candidate.explanations)])
+            return scan(U, problem.r, problem.tests, self._rng)
+        parts = parts_of(self._assembly, found, 1.0)
+        features = [{name: values[data_of(m)[1]] for name, values in features_of(m).items()}
+                    for m in self._assembly.matched]
+        tests, self.labels = structured_tests(
+            [(part.observables, f) for part, f in zip(parts, features, strict=False)])
+        U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts])])
+        return scan(U, np.concatenate([part.named for part in parts]), tests, self._rng)
+
+
+def parts_of(assembly, fitted, ratio):
+    """held_out.Part of every recording that may lack something.
+
+    fitted : Fitted of what was found, None = nothing;  ratio : of the model's modulus to the
+    scene's
+    """
+    out = []
+    for i, m in enumerate(assembly.matched[:len(assembly.matched) - assembly.sound]):
+        data, kept = data_of(m)
+        kinds = np.array(m.recorded.kinds, dtype=object)[kept][data.observables.states]
+        shown = {kind: values[kept] for kind, values in m.baseline.shown.items()}
+        given = data.observables.difference({**shown, FORCE: shown[FORCE] / ratio})
+        named = columns = None
+        if fitted is not None and fitted.refit is not None:
+            columns = fitted.refit.columns[i]
+            named = fitted.refit.residual[i] + columns @ fitted.refit.z
+        out.append(Part(data.observables, kinds, given, data.observables.residual(shown), data.U,
+                        m.own, named, columns))
+    return out
+
+
+def tested_part(m, fitted, ratio):
+    """held_out.Part of a Matched that was not fitted, with what was found elsewhere."""
+    named = columns = None
+    if fitted is not None and fitted.refit is not None:
+        model = ForwardModel(m.baseline.model.specimen, (*m.baseline.model.terms, *fitted.terms))
+        found = model.predict(m.recorded.path, m.recorded.states.t)
+        if not found.valid.all():
+            raise NotConverged(f'{m.recorded.name}: with what was found the model has no state at '
+                               f'{found.t[np.argmin(found.valid)]:.2f} s; leave it out')
+        named = m.observables.residual({kind: found.get(kind) for kind in m.baseline.shown})
+        columns = np.zeros((len(named), len(fitted.refit.z)))
+    shown = m.baseline.shown
+    given = m.observables.difference({**shown, FORCE: shown[FORCE] / ratio})
+    return Part(m.observables, m.kinds, given, m.r, m.U, m.own, named, columns)

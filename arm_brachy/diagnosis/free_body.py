@@ -1,0 +1,252 @@
+"""Diagnosis of bodies without pads: held, let go, ringing, settling. Statics and modes, no steps.
+
+    recording -> Release -> Case \\
+    scene     -> FreeModel       -> FreeStudy -> decide.Judge -> FreeParts
+
+Of a released body everything measured in metres and seconds depends on modulus over density and
+on gravity alone: E is known only as well as the density, and gravity is taken as known. A modulus
+is therefore recalibrated and never a finding.
+Test: diagnosis/test_free_body.py
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from arm_brachy.core.errors import InputError, NotConverged
+from arm_brachy.diagnosis import free_statements as said
+from arm_brachy.diagnosis import free_trace as trace
+from arm_brachy.diagnosis.decide import Judge
+from arm_brachy.diagnosis.free_findings import base_marker_findings
+from arm_brachy.diagnosis.free_fit import refit
+from arm_brachy.diagnosis.free_hypotheses import free_hypotheses
+from arm_brachy.diagnosis.free_look import Look
+from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
+from arm_brachy.diagnosis.free_study import FreeStudy
+from arm_brachy.diagnosis.free_table import FreePriors
+from arm_brachy.diagnosis.inference import posterior
+from arm_brachy.diagnosis.prepared import prepare
+from arm_brachy.diagnosis.statements import Alternative, NextExperiment, Place, StreamFit
+
+DRIFTS = ('stiffness_drift', 'swelling_drift')
+ABSURD = 'it would need a value that is impossible'
+AFRESH = 'it would have to begin anew with every recording'
+KNOWN = ('Of a released body only modulus over density is seen: E holds if the density of the '
+         'scene does. The size of gravity is taken as known, its direction is not.')
+
+
+@dataclass(frozen=True)
+class FreeParts:
+    """What is said of released bodies, for a diagnosis.Diagnosis.
+
+    decision : decide.Decision;  verdict : its verdict
+    causes : cause.Cause;  where, when : statements.Place and Interval
+    alternatives : statements.Alternative;  fit : statements.StreamFit per recording held out
+    recalibrated : 'E' -> Estimate, with the causes;  plain : the same without any
+    next_experiment : NextExperiment or None;  held_out, chance, apart : as in Diagnosis
+    findings : finding.Finding of base markers;  notes : sentences
+    table : (Row, measured, as given, recalibrated, with the causes, error) per observable
+    """
+
+    decision: object
+    verdict: str
+    causes: tuple
+    where: tuple
+    when: tuple
+    alternatives: tuple
+    fit: tuple
+    recalibrated: dict
+    plain: dict
+    next_experiment: object
+    held_out: float | None
+    chance: float
+    apart: float | None
+    findings: tuple
+    notes: tuple
+    table: tuple
+
+
+def is_free(scene):
+    """True for a core.scene.Scene that this diagnosis is for: no pads, and inertia counts."""
+    return not scene.pads and scene.dynamics == 'implicit'
+
+
+def free_diagnosis_parts(evidences, scene=None, held_out=(), progress=None, rng=None, *,
+                         drifts_restart=True):
+    """Return the FreeParts of recordings of one body that was let go.
+
+    evidences : evidence.Evidence to fit, held_out : to test on, not looked at before; each
+        carries its scene, so that loads may differ
+    scene : core.scene.Scene that they must be of, or None;  progress : called with a share
+    rng : numpy.random.Generator for the structured tests
+    drifts_restart : False where the recordings are of one day of one body, so that no drift can
+        begin anew with each: it is then no explanation of more than one. Data do not show this
+    Raises InputError, RecordingError, NotConverged.
+    """
+    for one in (*evidences, *held_out):
+        if not is_free(scene or one.scene):
+            raise InputError(f'{one.name}: its scene has pads or is quasi-static; must be a free '
+                             'body with dynamics: implicit')
+    rng = np.random.default_rng(0) if rng is None else rng
+    priors = FreePriors()
+    looks = [Look(prepare(e)) for e in (*evidences, *held_out)]
+    fitted, tested = looks[:len(evidences)], looks[len(evidences):]
+    specimens = {look.scene.name: free_specimen(look.scene) for look in looks}
+    study = _study(fitted, specimens, priors)
+    frees, dropped = _considered(specimens[fitted[0].scene.name],
+                                 drifts_restart or len(looks) < 2)
+    answers = study.answers(frees, progress)
+    problem, absurd = _possible(study, answers)
+    dropped = (*dropped, *absurd)
+    decision = Judge(problem, rng).decide()
+    plain = refit(study, problem)
+    return _parts(study, problem, decision, answers, plain, dropped, fitted, tested, specimens)
+
+
+def _study(looks, specimens, priors):
+    mine = {look.scene.name: specimens[look.scene.name] for look in looks}
+    return FreeStudy([look.case(mine[look.scene.name], priors) for look in looks], mine, priors,
+                     max(look.placement for look in looks))
+
+
+def _considered(specimen, drifts):
+    """(frees, Alternatives dropped): without those that drift unless `drifts`."""
+    frees = free_hypotheses(specimen)
+    if drifts:
+        return frees, ()
+    return (tuple(f for f in frees if f.hypothesis.name not in DRIFTS),
+            tuple(Alternative((name,), 0.0, why=AFRESH) for name in DRIFTS))
+
+
+def _possible(study, answers):
+    """(Problem, Alternatives dropped): without variants that would need an impossible value."""
+    problem = study.problem(answers)
+    kept = [a for a in answers if a.free.allows(_alone(problem, a))]
+    names = {a.free.hypothesis.name for a in kept}
+    lost = dict.fromkeys(a.free.hypothesis.name for a in answers
+                         if a.free.hypothesis.name not in names)
+    explanations = tuple(e for e, a in zip(problem.explanations, answers, strict=True)
+                         if any(a is one for one in kept))
+    return (replace(problem, explanations=explanations),
+            tuple(Alternative((name,), 0.0, why=ABSURD) for name in lost))
+
+
+def _alone(problem, answer):
+    """(p,) amplitudes that the data want of a cause alone."""
+    U = np.hstack([answer.columns, problem.U])
+    return posterior(U, problem.r).mean[:answer.columns.shape[1]] * answer.free.prior
+
+
+def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, specimens):
+    by_key = {a.free.key: a for a in answers}
+    fits = _fits(study, problem, decision, by_key)
+    causes, where = _causes(problem, decision, answers, fits)
+    gain, named = problem.r ** 2, fits[0] if fits else None
+    if decision.accepted is not None:
+        gain = said.explained(problem, np.hstack(
+            [e.columns for e in decision.accepted.explanations]))
+    term = causes[0].term if len(causes) == 1 else ''
+    intervals = () if decision.verdict == 'nothing_missing' else said.when(study, gain, term)
+    if decision.verdict != 'nothing_missing' and not where:
+        where = (Place(stream=study.cases[0].release.kind, channel=said.loudest(study, gain)[0]),)
+    E = fitted[0].scene.material.E
+    best = named or plain
+    apart = [c.separation for c in decision.equals if np.isfinite(c.separation)]
+    return FreeParts(
+        decision, decision.verdict, causes, where, intervals,
+        said.alternatives(problem, decision, answers, dropped),
+        _held_out(plain, named, fitted, tested, specimens),
+        {'E': best.stiffness(E)}, {'E': plain.stiffness(E)}, _next(decision),
+        decision.accepted.held_out if decision.accepted else None, decision.left.chance,
+        min(apart) if apart else None, base_marker_findings(
+            [look.release for look in fitted + tested], fitted[0].prepared.calibration.base),
+        _notes(fitted, best),
+        _table(study, plain, named))
+
+
+def _fits(study, problem, decision, by_key):
+    """FreeFits of the accepted cause and of those equal to it, in this order."""
+    out = []
+    for one in (decision.accepted, *decision.equals) if decision.accepted else ():
+        frees = [by_key[e.cause, e.variant].free for e in one.explanations]
+        try:
+            out.append(refit(study, problem, frees, one.mean))
+        except NotConverged:
+            if not out:
+                raise
+            out.append(None)
+    return out
+
+
+def _causes(problem, decision, answers, fits):
+    """(causes, places) of what was accepted and of its equals, an option each if there are any."""
+    if decision.verdict not in ('named', 'equivalent'):
+        return (), ()
+    options = [decision.accepted, *decision.equals]
+    gain = np.array([c.evidence for c in options])
+    share = np.exp(gain - gain.max())
+    share /= share.sum()
+    causes, places = [], []
+    for number, (fit, p) in enumerate(zip(fits, share, strict=True), start=1):
+        if fit is None:
+            continue
+        for i, free in enumerate(fit.frees):
+            alike = said.weights(problem, answers, free.hypothesis.name)
+            cause = said.cause_of(fit, i, alike, float(p), number if decision.equals else 0)
+            causes.append(cause)
+            places.append(said.place_of(cause, alike))
+    return tuple(causes), tuple(p for p in places if p is not None)
+
+
+def _held_out(plain, named, fitted, tested, specimens):
+    """StreamFit of every recording held out, or of those fitted where there is none."""
+    out = []
+    for look in tested or fitted:
+        specimen = specimens[look.scene.name]
+        index = look.index(specimen)
+
+        def error(terms, look=look, specimen=specimen, index=index):
+            model = FreeModel(specimen, terms)
+            return trace.left(look.release, trace.of_model(model, look.release, index))
+
+        repeats = [one for one in fitted if one.scene.name == look.scene.name
+                   and one.release.names == look.release.names]
+        floor = min(trace.left(look.release, trace.of_repeat(one.release))
+                    for one in (repeats or [look]))
+        out.append(StreamFit(look.release.kind, error(()), error(plain.terms), floor,
+                             None if named is None else error(named.terms),
+                             look.release.name if tested else ''))
+    return tuple(out)
+
+
+def _next(decision):
+    """What would split a class."""
+    if decision.verdict != 'equivalent':
+        return None
+    names = [' + '.join(c.causes) for c in (decision.accepted, *decision.equals)]
+    again = {n for c in decision.equals for n in c.causes} | set(decision.accepted.causes)
+    what = ('Hold the body and let it go again: what relaxes begins anew, what drifts does not.'
+            if again & set(DRIFTS) else 'Let the body go with a known weight hung on it, and '
+            'turned by 90 degrees: each explanation depends on the load in its own way.')
+    return NextExperiment(instruction=what, splits=tuple((names[0], n) for n in names[1:]))
+
+
+def _notes(fitted, fit):
+    out = [KNOWN]
+    if any(look.scene.loads for look in fitted):
+        out.append('Where the weight hangs is taken from the scene; 1 mm further out on a beam of '
+                   '100 mm sags by 1.5 % more, which reads as a softer body.')
+    loose = max(look.placement for look in fitted)
+    if loose > 1.5 * fitted[0].prepared.calibration.placement:
+        out.append(f'Markers at rest are {1e3 * loose:.1f} mm per axis from where the scene has '
+                   'them; that is allowed for.')
+    return tuple(out)
+
+
+def _table(study, plain, named):
+    """Rows of what was measured beside what every model makes of it, SI."""
+    made = [study.start, study.values - plain.residual * study.sd]
+    made.append(np.full(len(study.values), np.nan) if named is None
+                else study.values - named.residual * study.sd)
+    return tuple(zip(study.rows, study.values.tolist(), *(m.tolist() for m in made),
+                     study.sd.tolist(), strict=True))

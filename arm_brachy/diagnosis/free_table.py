@@ -1,0 +1,157 @@
+"""What a release is compared by: one vector of numbers whose errors are known, row by row.
+
+Settled: how far every channel went from where it was held. Creep: what was missing from that in
+earlier windows. Base: how far its markers went. Frequency, damping, shape of the ringing.
+Test: diagnosis/test_free_release.py
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.core.quantity import quantity
+from arm_brachy.diagnosis.finding import Calibration
+from arm_brachy.diagnosis.prepared import rigid_motion
+
+SETTLED, CREEP, BASE, FREQUENCY, DAMPING, SHAPE = (
+    'settled', 'creep', 'base', 'frequency', 'damping', 'shape')
+
+
+@dataclass(frozen=True)
+class FreePriors:
+    """Standard deviations of what is no missing physics, and of what a reduced model leaves."""
+
+    modulus: float = quantity(0.5, '', 'logarithm of the modulus of the whole body', low=0.0,
+                              high=10.0, source='own choice: weak, known within a factor of two')
+    turn: float = quantity(2.0, 'deg', 'registration of the tracker, about each axis', low=0.0,
+                           high=90.0, source='own choice: three markers 30 mm apart, each placed '
+                                             'within 1 mm')
+    hold: float = quantity(0.3, 'mm', 'rigid motion of what is seen by the hand that holds it',
+                           low=0.0, high=100.0, source='own choice: held straight by eye')
+    base: float = quantity(0.1, 'mm', 'motion of the base, turns by what they move its markers',
+                           low=0.0, high=100.0, source='own choice: a clamp that gives a little; '
+                                                       'its markers show how much')
+    creep: float = quantity(0.01, 'mm', 'change between two windows, per axis', low=0.0, high=10.0,
+                            source='own choice: a tracker that warms up')
+    frequency: float = quantity(0.003, '', 'relative error of small vibrations for large ones',
+                                low=0.0, high=1.0, source='test_free_model: 0.3 % at a swing of '
+                                                          'a fifth of the length')
+    damping: float = quantity(0.07, '', 'the same of the damping ratio', low=0.0, high=1.0,
+                              source='test_free_model: 2 % of a slender, 7 % of a stout body')
+    shape: float = quantity(0.005, '', 'the same of a shape of unit norm', low=0.0, high=1.0,
+                            source='test_free_model')
+
+
+@dataclass(frozen=True)
+class Row:
+    """recording, kind, channel ('' = all together), axis 0 to 2 or -1;  scene : its name"""
+
+    recording: str
+    scene: str
+    kind: str
+    channel: str = ''
+    axis: int = -1
+
+
+@dataclass(frozen=True)
+class Case:
+    """A free_release.Release beside its scene.
+
+    index : (k,) of its channels among the points of the specimen;  rows : Row each
+    values, sd : (n,) measured, SI, and their errors
+    """
+
+    release: object
+    scene: str
+    index: np.ndarray
+    rows: tuple
+    values: np.ndarray
+    sd: np.ndarray
+
+
+def case_of(release, scene, index, priors=None, calibration=None):
+    """Return the Case of a Release.
+
+    scene : core.scene.Scene;  priors : FreePriors;  calibration : finding.Calibration
+    """
+    priors, calibration = priors or FreePriors(), calibration or Calibration()
+    parts = [*_settled(release, calibration.base), *_creep(release, priors.creep),
+             *_base(release, calibration.base), *_ringing(release, priors)]
+    parts = [part for part in parts if np.isfinite(part[3]) and np.isfinite(part[4])]
+    rows = tuple(Row(release.name, scene.name, *part[:3]) for part in parts)
+    return Case(release, scene.name, np.asarray(index), rows, np.array([p[3] for p in parts]),
+                np.array([p[4] for p in parts]))
+
+
+def predicted(case, swing, base=None):
+    """Return (n,) what a free_model.Swing, at the windows of the case, makes of its rows.
+
+    base : (b, 3) [m] motion of the base's markers, None = it stands
+    """
+    moved, shape = swing.moved[:, case.index], swing.shape[case.index]
+    shape = shape / np.linalg.norm(shape)
+    names = case.release.names
+    known = {(SETTLED, n): moved[-1, k] for k, n in enumerate(names)}
+    known |= {(SHAPE, n): shape[k] for k, n in enumerate(names)}
+    for w in range(len(moved) - 1):
+        known |= {(creep(w), n): moved[w, k] - moved[-1, k] for k, n in enumerate(names)}
+    for k in range(len(case.release.base_rest)):
+        known[BASE, str(k)] = np.zeros(3) if base is None else base[k]
+    scalar = {FREQUENCY: np.log(swing.frequency), DAMPING: swing.damping}
+    return np.array([scalar[r.kind] if r.axis < 0 else known[r.kind, r.channel][r.axis]
+                     for r in case.rows])
+
+
+def creep(window):
+    """Kind of the rows of an earlier window."""
+    return f'{CREEP} {window}'
+
+
+def _settled(release, floor):
+    last = release.moved[-1]
+    for k, name in enumerate(release.names):
+        for axis in range(3):
+            sd = np.hypot(release.noise[k, axis] / np.sqrt(release.count[-1]), floor)
+            yield SETTLED, name, axis, last[k, axis], sd
+
+
+def _creep(release, floor):
+    for w, moved in enumerate(release.moved[:-1]):
+        for k, name in enumerate(release.names):
+            for axis in range(3):
+                sd = np.hypot(release.noise[k, axis] * np.sqrt(2.0 / release.count[-1]), floor)
+                yield creep(w), name, axis, moved[k, axis] - release.moved[-1, k, axis], sd
+
+
+def _base(release, floor):
+    """Rows of the base; where its markers move against each other, that is their error."""
+    moved = release.base[-1]
+    if not len(moved):
+        return
+    sd = np.hypot(floor, base_misfit(release))
+    for k in range(len(moved)):
+        for axis in range(3):
+            yield BASE, str(k), axis, moved[k, axis], sd
+
+
+def base_misfit(release):
+    """[m] rms per degree of freedom by which the base's markers moved as no rigid body would."""
+    rest, moved = release.base_rest, release.base[-1]
+    free = 3 * len(rest) - 6
+    if free <= 0:
+        return 0.0
+    left = rigid_motion(rest, moved[None], np.ones((1, len(rest)), dtype=bool))[1]
+    return float(np.sqrt(np.sum(left ** 2) / free))
+
+
+def _ringing(release, priors):
+    ring = release.ring
+    if ring is None:
+        return
+    yield (FREQUENCY, '', -1, np.log(ring.frequency),
+           np.hypot(ring.frequency_sd / ring.frequency, priors.frequency))
+    yield (DAMPING, '', -1, ring.damping,
+           np.hypot(ring.damping_sd, priors.damping * ring.damping))
+    for k, name in enumerate(release.names):
+        for axis in range(3):
+            yield SHAPE, name, axis, ring.shape[k, axis], np.hypot(ring.shape_sd, priors.shape)

@@ -1,0 +1,81 @@
+"""The held-out figure of a released body: what a description leaves of the markers' motion.
+
+How strongly and in which phase the hand let go is no property of the body, nor is the tracker's
+frame: amplitude, phase and a small turn are fitted to the recording that is predicted, all else is
+not. The same for a model and for the other repeat, which says what repeats.
+Test: diagnosis/test_free_release.py
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.diagnosis.free_release import oscillation
+
+BEGIN = 0.1         # s after the release, for a body that does not ring
+INSTANTS = 8        # at which a model is asked for its slow motion
+SETTLE = 0.5        # share of a recording, its end, in which the slow motion of a repeat is seen
+
+
+@dataclass(frozen=True)
+class Description:
+    """Slow motion and ringing of k channels.
+
+    t : (m,) [s] after the release;  moved : (m, k, 3) [m], straight in log t between them
+    frequency [Hz], damping, shape : (k, 3);  nan where nothing rings
+    """
+
+    t: np.ndarray
+    moved: np.ndarray
+    frequency: float
+    damping: float
+    shape: np.ndarray
+
+    def slow(self, t):
+        """(n, k, 3) [m] at t (n,)."""
+        flat = self.moved.reshape(len(self.t), -1)
+        at = [np.interp(np.log(t), np.log(self.t), column) for column in flat.T]
+        return np.column_stack(at).reshape(len(t), *self.moved.shape[1:])
+
+
+def of_model(model, release, index):
+    """Description by a free_model.FreeModel of a free_release.Release.
+
+    index : (k,) its channels among the points of the model
+    """
+    start = BEGIN if release.ring is None else release.ring.span[0]
+    t = np.geomspace(start, release.since[-1], INSTANTS)
+    swing = model.swing(t)
+    return Description(t, swing.moved[:, index], swing.frequency, swing.damping,
+                       swing.shape[index])
+
+
+def of_repeat(release):
+    """Description by a Release itself: its ringing, and the means of its settled windows."""
+    ring = release.ring
+    if ring is None:
+        return Description(release.times, release.moved, np.nan, np.nan, release.moved[-1])
+    late = release.since >= ring.span[1]
+    t, path = release.since[late], release.path[late].reshape(late.sum(), -1)
+    basis = np.column_stack([np.ones(len(t)), np.log(t)])
+    seen = np.isfinite(path).all(axis=1)
+    fit = np.linalg.lstsq(basis[seen], path[seen], rcond=None)[0]
+    ends = np.array([ring.span[0], release.since[-1]])
+    moved = np.column_stack([np.ones(2), np.log(ends)]) @ fit
+    return Description(ends, moved.reshape(2, -1, 3), ring.frequency, ring.damping, ring.shape)
+
+
+def left(release, description):
+    """[m] rms per axis that a Description of the same channels leaves of a Release."""
+    start = BEGIN if release.ring is None else release.ring.span[0]
+    rows = (release.since >= start) & np.isfinite(release.path).all(axis=(1, 2))
+    t, path = release.since[rows], release.path[rows]
+    slow = description.slow(t)
+    free = [np.cross(axis, slow) for axis in np.eye(3)]
+    if release.ring is not None and np.isfinite(description.frequency):
+        swing = oscillation(t - start, description.frequency, description.damping)
+        free += [one[:, None, None] * description.shape for one in swing.T]
+    basis = np.column_stack([one.ravel() for one in free])
+    basis = basis / np.linalg.norm(basis, axis=0)
+    off = (path - slow).ravel()
+    return float(np.sqrt(np.mean((off - basis @ np.linalg.lstsq(basis, off, rcond=None)[0]) ** 2)))

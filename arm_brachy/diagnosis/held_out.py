@@ -1,0 +1,78 @@
+"""Errors on what was held out: every kind of push predicted by what the other kinds say."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from arm_brachy.diagnosis.inference import posterior
+from arm_brachy.diagnosis.observables import Observables
+from arm_brachy.diagnosis.statements import StreamFit
+
+
+@dataclass(frozen=True)
+class Part:
+    """One recording for `stream_fits`, N rows.
+
+    observables : Observables;  kinds : (N,) labels
+    given : (N,) measured less the scene as it came, SI;  r : (N,) whitened, less the model
+    U : (N, k) whitened nuisances;  own : (k,) those that other recordings do not share
+    named : (N,) r of the model with what was found, its numbers taken out to first order, and
+    columns : (N, p) what these numbers do, at one prior standard deviation; None = nothing found
+    """
+
+    observables: Observables
+    kinds: np.ndarray
+    given: np.ndarray
+    r: np.ndarray
+    U: np.ndarray
+    own: np.ndarray
+    named: np.ndarray | None = None
+    columns: np.ndarray | None = None
+
+
+def stacked(parts):
+    """(N, k) nuisances of all recordings: those of single ones side by side, the others as one."""
+    own = block_diag(*(part.U[:, part.own] for part in parts))
+    return np.hstack([own, np.vstack([part.U[:, ~part.own] for part in parts])])
+
+
+def stream_fits(parts, tested=()):
+    """statements.StreamFit of every stream that Part recordings hold.
+
+    tested : names -> Part of recordings that were not fitted, on which all errors are then
+        taken; () = every kind of push of the fitted ones in turn
+    Nothing of what is predicted is known beforehand, nuisances included: what a pad that is
+    pushed there alone has of its own is left in.
+    """
+    every = (*parts, *dict(tested).values())
+    U, kinds = stacked(every), np.concatenate([part.kinds for part in parts])
+    folds = [kinds == kind for kind in np.unique(kinds)]
+    if tested:
+        folds = [np.repeat(np.arange(len(every)) >= len(parts), [len(p.r) for p in every])]
+    asked = np.any(folds, axis=0)
+    errors = {'as_given': np.concatenate([part.given for part in every]),
+              'recalibrated': _left(every, U, np.concatenate([p.r for p in every]), folds),
+              'noise_floor': np.concatenate([part.observables.sd for part in every])}
+    if parts[0].named is not None:
+        whole = np.hstack([U, np.vstack([part.columns for part in every])])
+        errors['named'] = _left(every, whole, np.concatenate([p.named for p in every]), folds)
+    streams = np.array([row.kind for part in every for row in part.observables.rows])
+    return tuple(StreamFit(kind, **{name: _rms(values[asked & (streams == kind)])
+                                    for name, values in errors.items()},
+                           held_out=', '.join(dict(tested)) or 'every kind of push in turn')
+                 for kind in dict.fromkeys(streams[asked].tolist()))
+
+
+def _rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _left(parts, U, r, folds):
+    """(N,) SI: what is left of r where each of `folds` (N,) is predicted from all but it."""
+    out = np.zeros(len(r))
+    for rows in folds:
+        out[rows] = r[rows] - U[rows] @ posterior(U[~rows], r[~rows]).mean
+    ends = np.cumsum([0, *(len(part.r) for part in parts)])
+    return np.concatenate([part.observables.coloured(out[a:b]) for part, a, b in
+                           zip(parts, ends[:-1], ends[1:], strict=True)])

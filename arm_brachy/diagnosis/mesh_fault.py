@@ -1,0 +1,62 @@
+"""Is the mesh at fault? Then that is said, and no physics is read into what it does."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.diagnosis.assembly import stacked_nuisances
+from arm_brachy.diagnosis.cause import Cause, Estimate
+from arm_brachy.diagnosis.fitted import TO_90
+from arm_brachy.diagnosis.inference import log_density, posterior
+from arm_brachy.diagnosis.mesh_errors import SYSTEMATIC
+from arm_brachy.diagnosis.stream import FORCE
+
+# Natural logarithm of the evidence for what a better mesh would change: linear elements 290 to
+# 350, 605 quadratic ones 60 to 120, 2275 with another mesh of that size as truth -9 to 9.
+AT_FAULT = 20.0
+ALLOWED = 10.0      # times its standard deviation, of a mesh that is at fault
+
+
+@dataclass(frozen=True)
+class MeshFault:
+    """gain : evidence;  error : cause.Estimate [m], rms of the motion a better mesh changes"""
+
+    gain: float
+    error: Estimate
+
+    def cause(self):
+        """The cause.Cause 'discretisation'."""
+        return Cause('discretisation', {'error': self.error}, {}, float(
+            1.0 / (1.0 + np.exp(-min(self.gain, 700.0)))))
+
+
+def mesh_fault(matched):
+    """MeshFault of Matched recordings of one body, None if the mesh is good enough for them.
+
+    If it is not, the systematic columns of their nuisances are let go as far as they want.
+    """
+    U, names = stacked_nuisances(matched)
+    r, better = np.concatenate([m.r for m in matched]), np.isin(names, SYSTEMATIC)
+    gain = log_density(U, r) - log_density(U[:, ~better], r)
+    if gain < AT_FAULT:
+        return None
+    for m in matched:
+        m.loosen(SYSTEMATIC, ALLOWED)
+    U = np.where(better, ALLOWED, 1.0) * U
+    return MeshFault(float(gain), _error(matched, U, r, better))
+
+
+def _error(matched, U, r, better):
+    """Estimate [m] of the rms over all positions of what the systematic columns explain."""
+    fit = posterior(U, r)
+    part = np.where(better, fit.mean, 0.0)
+    moved = U @ part
+    ends = np.cumsum([0, *(len(m.r) for m in matched)])
+    plain = np.concatenate([m.observables.coloured(moved[a:b]) for m, a, b in
+                            zip(matched, ends[:-1], ends[1:], strict=True)])
+    position = np.array([row.kind != FORCE for m in matched for row in m.observables.rows])
+    size = float(np.sqrt(np.mean(plain[position]**2)))
+    some = np.flatnonzero(better)
+    spread = np.sqrt(np.trace(fit.covariance(some)) / max(part @ part, 1e-12))
+    reach = min(TO_90 * float(spread), 1.0) * size
+    return Estimate(size, size - reach, size + reach)

@@ -1,0 +1,336 @@
+"""All numbers of the causes that were chosen, fitted in full and together.
+
+With d(z) measured minus predicted over the noise, z the free numbers on the scale of their priors
+(`freedom`) and U the nuisances, each column at one prior standard deviation, the cost is
+
+    F(z) = d' C^-1 d / 2 + z' z / 2,    C = I + U U',
+
+minus the log of the posterior density but for a constant (summed over recordings). Gauss-Newton
+steps minimise its quadratic model in a box, that of the limits cut by a trust region which grows
+and shrinks by what F really loses (Nocedal & Wright 2006, Numerical Optimization, ch. 4, 10). Only
+steps that lower F by a tenth of what was promised are made. The end is where the model promises,
+over the whole box of limits, less than `Options.tolerance`, or `ROUGH` if no step helps.
+
+Derivatives come from the tangent answers of `responses` at the present model, a term's changed
+value being to its present one what a term is to a model without it; where no tangent leads there
+(supports, contact), from differences of full runs. Terms that act on sensors alone ask for no
+tissue solve after the first.
+Test: diagnosis/forward/test_refit.py
+"""
+
+import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from arm_brachy.control.reach import bounded_least_squares
+from arm_brachy.core.errors import ConfigError, InputError, MeshError, NotConverged
+from arm_brachy.core.quantity import quantity
+from arm_brachy.core.term import Stage
+from arm_brachy.diagnosis.baseline import Baseline
+from arm_brachy.diagnosis.forward import STAGES, ForwardModel
+from arm_brachy.diagnosis.freedom import Space, free_space
+from arm_brachy.diagnosis.inference import posterior
+from arm_brachy.diagnosis.observables import Observables
+from arm_brachy.diagnosis.responses import body_change, sensing_change, transmission_change
+from arm_brachy.diagnosis.specimen import Specimen
+from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.registry import TERMS
+from arm_brachy.tissue.contact_pads import touches
+
+SUFFICIENT = 0.1    # of the promised descent, for a step to be made
+GOOD = 0.5          # of it, for a larger one to be tried next
+# Derivatives are kept after a step of less than one standard deviation of the posterior, and after
+# any step that lowered the cost as they said it would.
+NEAR, TRUE = 0.5, 0.02
+# A lump that moves through points of quadrature ripples the cost: where no step of a quarter of
+# the tolerance helps, the end may promise a standard deviation, and the interval has it.
+TINY, ROUGH = 0.25, 0.5
+
+
+@dataclass(frozen=True)
+class Options:
+    """When to stop."""
+
+    tolerance: float = quantity(0.02, '', 'descent of the cost not worth a step', low=1e-8,
+                                high=1.0, source='own choice: a fifth of the standard deviation '
+                                                 'of the posterior')
+    runs: int = 60      # forward runs of each recording, differences included
+
+
+@dataclass(frozen=True)
+class Data:
+    """One recording, for a fit.
+
+    specimen : specimen.Specimen to run;  encoder : transmission.Path;  t : (n,) [s] states
+    observables : observables.Observables;  U : (N, k) whitened columns of nuisances and mesh
+    terms : that the model has anyway;  offset : kind -> (n, c, 3) to add to every prediction,
+        that of a finer model less that of this one, both without the causes
+    """
+
+    specimen: Specimen
+    encoder: Path
+    t: np.ndarray
+    observables: Observables
+    U: np.ndarray
+    terms: tuple = ()
+    offset: dict = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Refit:
+    """The most probable values of all free numbers.
+
+    terms : one per hypothesis;  estimates : hypothesis -> {field: Estimate, 90 %, SI}
+    predicted : per recording kind -> (n, c, 3), with the terms;  residual : per recording (N,)
+        over the noise, nuisances not removed
+    before, after : cost F at the start and in the end;  runs : forward runs, all recordings
+    space : freedom.Space;  z : (k,) its coordinates;  covariance : (k, k) of these, without limits
+    columns : per recording (N, k) change of the prediction over the noise per coordinate
+    """
+
+    terms: tuple
+    estimates: dict
+    predicted: tuple
+    residual: tuple
+    before: float
+    after: float
+    runs: int
+    space: Space
+    z: np.ndarray
+    covariance: np.ndarray
+    columns: tuple
+
+
+def refit(data, hypotheses, amplitudes, *, held=(), start=None, options=None):
+    """Return the Refit of hypothesis.Hypotheses to recordings that they have in common.
+
+    data : Data of each recording;  amplitudes : per hypothesis (k,) where its strengths start, in
+        typical sizes (`Strength.spread` times the means of `Response.per_prior`)
+    held : names of fields that stay at their place or default (`freedom.free_space`)
+    start : `Refit.z` of the same hypotheses, amplitudes and held, on a cheaper specimen
+    Finds the minimum next to the start: a place from a grid as fine as an effect is wide.
+    A lump held much smaller than it is has no minimum within reach; one of free size and strong
+    effect has a narrow bent valley (T7), where it may need more runs. Both are refused.
+    Intervals are those of the quadratic model, cut off by limits: what the data leave open has
+    the interval of its prior. Raises InputError if nothing is free, NotConverged where the start
+    has no prediction or the cost does not settle.
+    """
+    space = free_space(hypotheses, amplitudes, data[0].specimen, held)
+    if not space.charts:
+        raise InputError(f'{", ".join(one.name for one in hypotheses)}: no field is free; must '
+                         'be one at least; hold fewer')
+    options = options or Options()
+    fit = _Fit(data, space, options)
+    now, slope, covariance = fit.minimum(space.joined('start') if start is None else start)
+    low, high = space.joined('low'), space.joined('high')
+    stuck = (now.z <= low) & (slope < 0.0) | (now.z >= high) & (slope > 0.0)
+    mean = now.z + np.where(stuck, np.diag(covariance) * slope, 0.0)
+    return Refit(now.terms, space.estimates(now.z, mean, covariance), now.predicted, now.residual,
+                 fit.before, now.cost, sum(one.runs for one in fit.recordings), space, now.z,
+                 covariance, fit.columns)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Everything at one z; cost infinite where there is no prediction."""
+
+    z: np.ndarray
+    cost: float
+    terms: tuple = ()
+    models: tuple = ()
+    predicted: tuple = ()
+    residual: tuple = ()
+
+
+class _Fit:
+    """The cost, its quadratic model and the way down."""
+
+    def __init__(self, data, space, options):
+        self.space, self.options, self.columns = space, options, ()
+        sensed = all(term.stage in STAGES.values() for term in space.terms(space.joined('start')))
+        self.recordings = [_Recording(one, sensed) for one in data]
+
+    def minimum(self, start):
+        """Return (_Point, slope (k,) of -F, covariance (k, k) of z) where F is least.
+
+        The step that is left counts as one standard deviation more. Raises NotConverged.
+        """
+        now, region, fresh = self.at(start), 1.0, True
+        self.before = now.cost
+        if not np.isfinite(now.cost):
+            raise NotConverged('the refit has no prediction at its start; must be a model that '
+                               'has all its states; start from fainter effects')
+        self.linearise(now)
+        while True:
+            slope, curvature = self.model(now)
+            rest, left = self.promise(now, slope, curvature, np.inf)
+            step, promised = self.promise(now, slope, curvature, region)
+            tiny = fresh and promised < TINY * self.options.tolerance
+            if left < self.options.tolerance or tiny and left < ROUGH:
+                return now, slope, np.linalg.inv(curvature) + np.outer(rest, rest)
+            self.refuse_endless(left, tiny)
+            ahead = self.at(now.z + step)
+            gain = (now.cost - ahead.cost) / promised
+            if gain < SUFFICIENT:
+                region, kept = 0.25 * self.length(step), fresh
+            else:
+                now, fresh, off = ahead, False, abs(gain - 1.0)
+                region *= 2.0 if gain > GOOD else 0.5
+                kept = off < TRUE or promised < NEAR and off < GOOD
+            if not kept:
+                self.linearise(now)
+                fresh = True
+
+    def linearise(self, now):
+        """Take the derivatives at a point."""
+        self.columns = tuple(one.columns(self.space, now, model)
+                             for one, model in zip(self.recordings, now.models, strict=True))
+
+    def length(self, step):
+        """Length of a step (k,), 1 = as far as one of its coordinates should go at once."""
+        return float(np.abs(step / self.space.joined('reach')).max())
+
+    def refuse_endless(self, left, tiny):
+        """Raise NotConverged where no step helps or too many were made."""
+        runs = max(one.runs for one in self.recordings)
+        if tiny or runs >= self.options.runs:
+            raise NotConverged(
+                f'the refit still promises a descent of {left:.3g} after {runs} runs, of at most '
+                f'{self.options.runs}; must be below {self.options.tolerance:g}; start nearer, or '
+                'hold what the data do not tell')
+
+    def at(self, z):
+        """The _Point at z."""
+        lost = _Point(z, np.inf)
+        try:
+            terms = self.space.terms(z)
+            models, predicted = zip(*(one.predicted(terms) for one in self.recordings),
+                                    strict=True)
+        except (ConfigError, MeshError, NotConverged):  # of this z alone: the region shrinks
+            return lost
+        if any(one is None for one in predicted):
+            return lost
+        residual = tuple(one.data.observables.residual(p)
+                         for one, p in zip(self.recordings, predicted, strict=True))
+        cost = 0.5 * z @ z + 0.5 * sum(
+            r @ _weighted(one.data.U, r) for one, r in zip(self.recordings, residual, strict=True))
+        return _Point(z, float(cost), terms, models, predicted, residual)
+
+    def model(self, now):
+        """(slope of -F (k,), curvature (k, k)) of the quadratic model at a point."""
+        slope, curvature = -now.z, np.eye(len(now.z))
+        for one, columns, r in zip(self.recordings, self.columns, now.residual, strict=True):
+            weighted = _weighted(one.data.U, columns)
+            slope = slope + weighted.T @ r
+            curvature = curvature + weighted.T @ columns
+        return slope, 0.5 * (curvature + curvature.T)
+
+    def promise(self, now, slope, curvature, region):
+        """(step (k,), descent that the quadratic model promises) within limits and region."""
+        reach = region * self.space.joined('reach')
+        factor = cholesky(curvature, lower=True)
+        step = bounded_least_squares(
+            factor.T, solve_triangular(factor, slope, lower=True),
+            np.maximum(self.space.joined('low') - now.z, -reach),
+            np.minimum(self.space.joined('high') - now.z, reach))
+        return step, float(slope @ step - 0.5 * step @ curvature @ step)
+
+
+def _weighted(U, X):
+    """C^-1 X by the matrix inversion lemma."""
+    return X - U @ posterior(U, X).mean
+
+
+class _Recording:
+    """Predictions of one Data and their derivatives.
+
+    sensed : nothing but sensors changes, so that one Baseline serves for all
+    """
+
+    def __init__(self, data, sensed):
+        self.data, self.runs, self._still = data, 0, None
+        if sensed:
+            self._still = Baseline(self.model(()), data.encoder, data.t)
+
+    def model(self, terms):
+        """The ForwardModel with terms besides the known ones."""
+        self.runs += 1
+        return ForwardModel(self.data.specimen, (*self.data.terms, *terms))
+
+    def predicted(self, terms):
+        """(ForwardModel, kind -> (n, c, 3)) with terms, None for a state that is not found."""
+        if self._still is not None:
+            return self._still.model, self._offset(self._sensed(terms))
+        model = self.model(terms)
+        found = model.predict(self.data.encoder, self.data.t)
+        if not found.valid.all():
+            return model, None
+        return model, self._offset({kind: found.get(kind) for kind in STAGES})
+
+    def _sensed(self, terms):
+        every = sorted((*self.data.terms, *terms), key=lambda term: TERMS.index(type(term)))
+        nothing = dict.fromkeys(STAGES, 0.0)
+        readings = [self._still.reading(i, nothing, every) for i in range(len(self.data.t))]
+        return {kind: np.stack([one[kind] for one in readings]) for kind in STAGES}
+
+    def _offset(self, shown):
+        return {kind: shown[kind] + self.data.offset.get(kind, 0.0) for kind in STAGES}
+
+    def columns(self, space, now, model):
+        """Return (N, k): change of the prediction over the noise per coordinate at a _Point.
+
+        Central differences, one-sided at a limit. Raises NotConverged where a full run fails.
+        """
+        baseline, changes = None, {}
+        if self._still is None and not touches(model.body).any():
+            self.runs += 1
+            baseline = Baseline(model, self.data.encoder, self.data.t)
+        for number, term in enumerate(now.terms):
+            changes[number] = self._change(baseline, number, term)
+        low, high = space.joined('low'), space.joined('high')
+        out = []
+        for number, step in zip(space.owner, np.diag(space.joined('step')), strict=True):
+            ends = np.maximum(now.z - step, low), np.minimum(now.z + step, high)
+            before, after = (changes[number](space.terms(end)) for end in ends)
+            width = np.sum(ends[1] - ends[0])
+            out.append({kind: (after[kind] - before[kind]) / width for kind in STAGES})
+        return self.data.observables.whiten(
+            {kind: np.stack([one[kind] for one in out], axis=3) for kind in STAGES})
+
+    def _change(self, baseline, number, term):
+        """Function from terms, one of them varied, to the prediction but for a constant."""
+        if baseline is None or not _has_tangent(baseline.model, term):
+            return self._run
+        view, by = _struck(baseline, term), _CHANGES.get(term.stage, sensing_change)
+        return lambda terms: by(view, terms[number])
+
+    def _run(self, terms):
+        found = self.predicted(terms)[1]
+        if found is None:
+            raise NotConverged('no state was found beside one that was, where the derivative by '
+                               'a contact is asked for; hold its place or its size')
+        return found
+
+
+_CHANGES = {Stage.BODY: body_change, Stage.TRANSMISSION: transmission_change}
+
+
+def _has_tangent(model, term):
+    """True if predictions change with a term's values as the tangent of `responses` says."""
+    if term.stage is Stage.BODY:
+        body = term.prepare(model.specimen.body)
+        return not len(body.supports.nodes) and not touches(body).any()
+    return term.stage is not Stage.TRANSMISSION or not model.remembers
+
+
+def _struck(baseline, term):
+    """The Baseline with a term struck from its list, not from its states.
+
+    What `responses` then adds is not a second term but another value of this one.
+    """
+    view = copy.copy(baseline)
+    view.model = copy.copy(baseline.model)
+    view.model.terms = tuple(one for one in baseline.model.terms if one is not term)
+    return view

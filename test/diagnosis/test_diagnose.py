@@ -1,0 +1,133 @@
+"""From recordings to the answer, on a coarse breast: what was planted is named, with its size."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from arm_brachy.cell import pad_directions
+from arm_brachy.core.paths import config_dir
+from arm_brachy.core.scene import load_scene, with_mesh
+from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
+from arm_brachy.diagnosis.diagnose import STEPS, diagnose
+from arm_brachy.diagnosis.diagnosis import Provenance
+from arm_brachy.diagnosis.evidence import Evidence
+from arm_brachy.diagnosis.forward import ForwardModel
+from arm_brachy.diagnosis.page import write_diagnosis
+from arm_brachy.diagnosis.specimen import specimen_of
+from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE, Stream
+from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.registry import parse_terms
+from arm_brachy.scenario import load_cell
+
+SCENES = config_dir() / 'scenes'
+PERIOD = 0.05       # s
+NOISE = {OPTICAL: 3e-5, EM: 1e-4, FORCE: 0.02}
+STIFFENING = {'name': 'strain_stiffening', 'ratio': 1.0}
+PLAY = {'name': 'backlash', 'width_mm': 0.6, 'actuators': [0]}
+
+
+@pytest.fixture(scope='module')
+def scene():
+    """Linear elements on the coarse mesh: wrong by millimetres, alike in truth and model."""
+    coarse = with_mesh(load_scene(SCENES / 'breast.yaml'), SCENES / 'breast' / 'breast_600.msh')
+    return replace(coarse, element='linear')
+
+
+def pushes():
+    """Path at 20 Hz: pads 1 to 3 to 5 mm, pad 1 to 8, pads 1 and 2 together; stands between."""
+    legs, q, t = [], np.zeros(4), 2.0
+    for targets, speed in (((5, 0, 0, 0), 20), ((0, 5, 0, 0), 20), ((0, 0, 5, 0), 20),
+                           ((5, 0, 0, 0), 4), ((8, 0, 0, 0), 20), ((5, 5, 0, 0), 20)):
+        for goal in (1e-3 * np.array(targets, dtype=float), np.zeros(4)):
+            way = np.abs(goal - q).max() / (1e-3 * speed)
+            legs += [(t, q), (t + way, goal)]
+            t, q = t + way + 1.0, goal
+    corners_t, corners = zip(*legs, strict=True)
+    clock = np.arange(0.0, t + 1.0, PERIOD)
+    return Path(clock, np.stack([np.interp(clock, corners_t, c) for c in np.array(corners).T],
+                                axis=1))
+
+
+@pytest.fixture(scope='module')
+def record(scene):
+    """(entries of terms, seed) -> Evidence of the pushes under white noise."""
+    specimen, path = specimen_of(scene), pushes()
+    rest = {OPTICAL: specimen.rest[:len(specimen.markers)],
+            EM: specimen.rest[len(specimen.markers):], FORCE: np.zeros((4, 3)),
+            ENCODER: np.zeros((4, 1))}
+    names = {OPTICAL: specimen.markers, EM: specimen.tools, FORCE: specimen.pads,
+             ENCODER: specimen.pads}
+    bodies = {OPTICAL: specimen.carriers, EM: (TISSUE,) * len(specimen.tools),
+              FORCE: specimen.pads, ENCODER: specimen.pads}
+
+    def one(entries=(), seed=1, name='made up'):
+        rng = np.random.default_rng(seed)
+        found = ForwardModel(specimen, parse_terms(entries, 'test')).predict(path, path.t)
+        assert found.valid.all()
+        streams = {}
+        for kind in (OPTICAL, EM, FORCE, ENCODER):
+            values = path.q[..., None] if kind == ENCODER else found.get(kind)
+            values = values + NOISE.get(kind, 1e-6) * rng.standard_normal(values.shape)
+            streams[kind] = Stream(kind, path.t, names[kind], values,
+                                   np.ones(values.shape[:2], dtype=bool), bodies[kind],
+                                   rest[kind])
+        return Evidence(name, scene, pad_directions(scene), streams)
+
+    return one
+
+
+def source():
+    return Provenance('made up', 7, 'test', 'test', 'breast.yaml', ())
+
+
+@pytest.fixture(scope='module')
+def stiffening(record):
+    return diagnose((record((STIFFENING,)),), source())
+
+
+def test_nothing_is_missing_where_nothing_was_planted(record):
+    d = diagnose((record(),), source()).diagnosis
+    assert d.verdict == 'nothing_missing' and d.causes == () and d.chance > 0.001
+    assert all(fit.recalibrated < 1.5 * fit.noise_floor for fit in d.fit)
+
+
+def test_stiffening_is_named_with_its_size(stiffening):
+    d = stiffening.diagnosis
+    assert d.verdict == 'named'
+    cause, = d.causes
+    assert cause.term == 'strain_stiffening'
+    assert cause.parameters['ratio'].value == pytest.approx(1.0, rel=0.2)
+    optical, force = (next(f for f in d.fit if f.stream == k) for k in ('optical', 'force'))
+    assert force.named < 0.5 * force.recalibrated
+    assert optical.named < 1.5 * optical.noise_floor
+
+
+def test_the_answer_becomes_a_page_and_a_scenario(stiffening, scene, tmp_path):
+    page = write_diagnosis(stiffening.diagnosis, stiffening.shown, tmp_path / 'page.html')
+    assert 'strain stiffening' in page.read_text()
+    written = write_corrected(stiffening.diagnosis,
+                              base_scenario(SCENES / 'breast.yaml', 'breast', 7),
+                              tmp_path / 'corrected.yaml')
+    terms = [entry['name'] for entry in load_cell(written).scenario.plant.terms]
+    assert terms == ['strain_stiffening']
+
+
+def test_play_is_found_before_any_tissue_is_solved_for(record):
+    d = diagnose((record((PLAY,), seed=3),), source()).diagnosis
+    assert d.verdict == 'named' and [c.term for c in d.causes] == ['backlash']
+    assert d.causes[0].parameters['width'].value == pytest.approx(0.6e-3, rel=0.1)
+    assert d.where[0].actuator == 'pad_1'
+
+
+def test_what_a_sound_recording_shows_as_well_is_no_fault(record):
+    d = diagnose((record((PLAY,), seed=3),), source(),
+                 null=(record((PLAY,), seed=4, name='sound'),)).diagnosis
+    assert d.verdict == 'nothing_missing'
+    assert [r.role for r in d.provenance.recordings][-1] == 'null'
+
+
+def test_progress_goes_through_all_steps(record):
+    said = []
+    diagnose((record(seed=5),), source(), progress=lambda step, share: said.append(step))
+    assert list(dict.fromkeys(said)) == list(STEPS)

@@ -1,0 +1,102 @@
+"""A release written down as formulas: what is read from it, what a description leaves of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from arm_brachy.core.errors import RecordingError
+from arm_brachy.core.scene import Marker, MeshFile, Region, Scene
+from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.free_findings import base_marker_findings
+from arm_brachy.diagnosis.free_model import Swing
+from arm_brachy.diagnosis.free_release import release_of
+from arm_brachy.diagnosis.free_table import CREEP, DAMPING, FREQUENCY, case_of, predicted
+from arm_brachy.diagnosis.free_trace import Description, left, of_repeat
+from arm_brachy.diagnosis.prepared import prepare
+from arm_brachy.evaluation.timeseries import OpticalFrames, RunData
+
+AT, LASTS, STEP = 0.5, 5.0, 0.01    # s
+FREQUENCY_HZ, RATIO = 6.0, 0.06
+SAG = np.array([[1e-3, 0.0, -8e-3], [0.5e-3, 1e-4, -5e-3]])     # m, of two markers at the end
+CREEPS, TAU = 0.05, 2.0     # share of the sag that comes later, s
+NOISE = 5e-6
+PLACES = {'tip': (0.1, 0.0, 0.0), 'half': (0.06, 0.0, 0.01)}
+BASE = {'b0': (0.0, -0.02, 0.0), 'b1': (0.0, 0.03, 0.0), 'b2': (0.0, 0.0, 0.03)}
+SCENE = Scene('formula', MeshFile('none.msh'), Region('half_space'), dynamics='implicit',
+              markers=tuple([Marker(n, p) for n, p in PLACES.items()]
+                            + [Marker(n, p, 'base') for n, p in BASE.items()]))
+
+
+def motion(t, swing=1.0):
+    """(n, 2, 3) [m]: creep towards SAG and a mode of the same shape about it."""
+    since = np.maximum(t - AT, 0.0)
+    w = 2.0 * np.pi * FREQUENCY_HZ
+    slow = 1.0 - CREEPS * np.exp(-since / TAU)
+    ring = np.exp(-RATIO * w * since) * np.cos(w * np.sqrt(1.0 - RATIO ** 2) * since)
+    return np.where(t > AT, slow - (1.0 - CREEPS) * swing * ring, 0.0)[:, None, None] * SAG
+
+
+def prepared(seed=0, swing=1.0, odd=0.0, returns=False):
+    t = np.arange(round(LASTS / STEP)) * STEP
+    points = np.tile([*PLACES.values(), *BASE.values()], (len(t), 1, 1))
+    went = motion(t, swing)
+    points[:, :2] += went * (t < AT + 1.0)[:, None, None] if returns else went
+    points[t > AT, 4, 0] += odd
+    points += np.random.default_rng(seed).normal(0.0, NOISE, points.shape)
+    frames = OpticalFrames(t, (*PLACES, *BASE), points, np.ones(points.shape[:2], dtype=bool))
+    return prepare(evidence_of(RunData('formula', '', 0, '', '', optical=frames), SCENE))
+
+
+@pytest.fixture(scope='module')
+def release():
+    return release_of(prepared())
+
+
+def test_what_was_put_in_is_read(release):
+    """To the noise over root n: some um; the creep is a straight line while it rings."""
+    ring = release.ring
+    assert release.t == pytest.approx(AT, abs=2.0 * STEP)
+    assert ring.frequency == pytest.approx(FREQUENCY_HZ, rel=2e-3)
+    assert ring.damping == pytest.approx(RATIO, rel=0.03)
+    assert ring.shape == pytest.approx(SAG / np.linalg.norm(SAG), abs=2e-3)
+    wanted = (1.0 - CREEPS * np.exp(-(release.times + release.t - AT) / TAU))[:, None, None] * SAG
+    assert release.moved == pytest.approx(wanted, abs=10e-6)
+    assert release.odd is None and release.base.shape[1] == 3
+
+
+def test_a_body_that_ends_where_it_began_was_not_let_go():
+    with pytest.raises(RecordingError, match='let go'):
+        release_of(prepared(returns=True))
+
+
+def test_a_marker_of_the_base_that_comes_off_is_told_and_left_out():
+    found = release_of(prepared(odd=0.8e-3))
+    name, moved = found.odd
+    assert name == 'b2' and moved[0] == pytest.approx(0.8e-3, abs=20e-6)
+    assert found.base.shape[1] == 2
+    finding, = base_marker_findings([found], 20e-6)
+    assert finding.channel == 'b2' and '0.80 mm' in finding.statement
+
+
+def test_rows_of_a_perfect_model_are_zero_within_their_errors(release):
+    case = case_of(release, SCENE, (0, 1))
+    moved = (1.0 - CREEPS * np.exp(-(release.times + release.t - AT) / TAU))[:, None, None] * SAG
+    swing = Swing(moved, FREQUENCY_HZ, RATIO, SAG, None)
+    z = (case.values - predicted(case, swing)) / case.sd
+    assert np.abs(z).max() < 3.0
+    for kind, other in ((FREQUENCY, replace(swing, frequency=1.05 * FREQUENCY_HZ)),
+                        (DAMPING, replace(swing, damping=2.0 * RATIO)),
+                        (CREEP, replace(swing, moved=np.broadcast_to(SAG, moved.shape)))):
+        z = (case.values - predicted(case, other)) / case.sd
+        assert max(abs(v) for v, r in zip(z, case.rows, strict=True)
+                   if r.kind.startswith(kind)) > 4.0
+
+
+def test_how_hard_and_when_the_hand_lets_go_is_no_error(release):
+    """A repeat describes another, swung 20 % less, to the noise; 5 % of frequency it does not."""
+    other = release_of(prepared(seed=1, swing=0.8))
+    same = of_repeat(release)
+    assert left(other, same) < 4.0 * NOISE + 0.05e-3
+    wrong = Description(same.t, same.moved, 1.05 * same.frequency, same.damping, same.shape)
+    assert left(other, wrong) > 5.0 * left(other, same)
