@@ -9,6 +9,7 @@ NODES = (
     'cell_clock',
     'tissue_simulator',
     'tissue_model',
+    'mismatch_monitor',
     'actuator_driver',
     'em_tracker',
     'optical_tracker',

@@ -150,18 +150,27 @@ SUPERVISOR = NodeSpec(
     'supervisor', 'health, limits, emergency stop: actuators move only while it says run',
     publishes=(SAFETY, *EVERYWHERE), subscribes=(WRENCH,), same=('force_sensor',),
     services=('~/emergency_stop', '~/hold', '~/reset'))
+MISMATCH_MONITOR = NodeSpec(
+    'mismatch_monitor', 'compares the sensors with the prediction of tissue_model: says which '
+    'channel departs, and since when',
+    publishes=EVERYWHERE, subscribes=(MODEL_POINTS, OPTICAL, EM_POSE, WRENCH),
+    same=('tissue_model', 'optical_tracker', 'em_tracker', 'force_sensor'))
 RECORDER = NodeSpec(
     'recorder', 'writes every topic to an MCAP bag as raw bytes',
     subscribes=tuple(t for t in TOPICS if t is not CLOCK and t is not TICK_DONE),
     same=('actuator_driver', 'tissue_simulator', 'tissue_model', 'em_tracker', 'optical_tracker',
-          'force_sensor', 'mpc_manipulator', 'operator', 'push_protocol', 'supervisor'))
+          'force_sensor', 'mpc_manipulator', 'operator', 'push_protocol', 'supervisor',
+          'mismatch_monitor'))
 
 NODES = (CELL_CLOCK, ACTUATOR_DRIVER, TISSUE_SIMULATOR, TISSUE_MODEL, EM_TRACKER, OPTICAL_TRACKER,
-         FORCE_SENSOR, MPC_MANIPULATOR, OPERATOR, PUSH_PROTOCOL, SUPERVISOR, RECORDER)
+         FORCE_SENSOR, MPC_MANIPULATOR, OPERATOR, PUSH_PROTOCOL, SUPERVISOR, MISMATCH_MONITOR,
+         RECORDER)
 REPLAYER = 'replayer'  # stands in for the clock and for absent nodes; it is no part of a cell
+COMPARISON = (TISSUE_MODEL, MISMATCH_MONITOR)   # run beside a cell, or on a recording
 # A full run of a scenario with tasks, and of one with moves.
-CELL = tuple(n.name for n in NODES if n not in (TISSUE_MODEL, PUSH_PROTOCOL))
-PROBING_CELL = tuple(n.name for n in NODES if n not in (TISSUE_MODEL, MPC_MANIPULATOR, OPERATOR))
+CELL = tuple(n.name for n in NODES if n not in (*COMPARISON, PUSH_PROTOCOL))
+PROBING_CELL = tuple(n.name for n in NODES
+                     if n not in (*COMPARISON, MPC_MANIPULATOR, OPERATOR))
 
 
 def cell_of(scenario):

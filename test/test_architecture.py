@@ -24,7 +24,7 @@ ALLOWED = {
     '__init__': set(),
     **NUMERICAL,
     **{name: {*NUMERICAL, *COMPOSITION[:i]} for i, name in enumerate(COMPOSITION)},
-    'nodes': {*NUMERICAL, 'scenario', 'provenance', 'graph', 'cell'},
+    'nodes': {*NUMERICAL, 'scenario', 'provenance', 'graph', 'cell', 'diagnosis'},
 }
 
 # Each heavy package, and ROS, has one home.

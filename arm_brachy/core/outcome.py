@@ -15,6 +15,7 @@ class Outcome(Enum):
     INFEASIBLE = 'the goal lies outside what pushing allows; see the closest reachable point'
     STALE_INPUT = 'no fresh measurement; the last command is held'
     REJECTED = 'the input was refused and ignored; see the message'
+    DEPARTED = 'the cell departs from its model; record a push and run arm-brachy diagnose'
     HELD = 'held on request or by the safety state'
 
     @property

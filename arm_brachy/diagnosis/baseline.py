@@ -17,7 +17,7 @@ from arm_brachy.tissue.jacobian import Linearisation, pad_translations
 from arm_brachy.tissue.newton import StaticSolver
 from arm_brachy.tissue.sensitivity import moduli_derivative
 
-NEAR = 8e-4     # m: states whose pads are closer share a factor. Positions and forces stay their
+NEAR = 3e-4     # m: states whose pads are closer share a factor. Positions and forces stay their
                 # own; answers err by NEAR over the radius of a pad, 4 %
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from arm_brachy.core.random import stream
 from arm_brachy.diagnosis import conclude
+from arm_brachy.diagnosis.asking import asked
 from arm_brachy.diagnosis.assembly import assemble
 from arm_brachy.diagnosis.decide import Judge
 from arm_brachy.diagnosis.diagnosis import Diagnosis
@@ -96,8 +97,9 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     decision = Judge(assembly.problem, stream(provenance.seed, 'decision'),
                      check=fits.check).decide()
     provenance = replace(provenance, recordings=_recordings(looked, tested, sound))
+    request = asked(assembly, decision, ensemble, calibration)
     return _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, left_out,
-                   fault)
+                   fault, request)
 
 
 def _look(evidences, calibration, say):
@@ -134,7 +136,8 @@ def _recordings(looked, tested, sound):
                  for one in group)
 
 
-def _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, left_out, fault):
+def _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, left_out, fault,
+            request):
     accepted, specimen = decision.accepted, assembly.matched[0].baseline.model.specimen
     scene = specimen.scene
     explanations = accepted.explanations if accepted else ()
@@ -158,7 +161,7 @@ def _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, l
         provenance, tuple(causes), tuple(where), tuple(when),
         conclude.alternatives_of(assembly, decision, {c.term for c in causes}),
         stream_fits(parts_of(assembly, best, ratio), {
-            m.recorded.name: tested_part(m, best, ratio) for m in tests}), None,
+            m.recorded.name: tested_part(m, best, ratio) for m in tests}), request,
         conclude.recalibrated(assembly, scene, explanations, Priors().modulus),
         held_out=accepted.held_out if accepted else None, chance=decision.left.chance,
         apart=min((float(c.separation) for c in decision.equals), default=None),

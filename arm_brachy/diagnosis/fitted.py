@@ -10,10 +10,13 @@ from arm_brachy.diagnosis.assembly import features_of, structured_tests
 from arm_brachy.diagnosis.cause import Cause, Estimate
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.held_out import Part, stacked
+from arm_brachy.diagnosis.motion import corners_of
 from arm_brachy.diagnosis.refit import Data, Refit, refit
 from arm_brachy.diagnosis.stream import FORCE
+from arm_brachy.diagnosis.transmission import Path
 
-STATES = 30         # of each recording at which causes are fitted in full
+CORNER = 0.02       # of the largest travel, that a path may be off between its corners
+STATES = 20         # of each recording at which causes are fitted in full
 TO_90 = 1.645       # standard deviations to either end of a normal 90 % interval
 
 
@@ -61,12 +64,8 @@ def _unsure(value):
     return Estimate(*(tuple(map(float, p)) if value.ndim else float(p) for p in parts))
 
 
-def fit_in_full(assembly, candidate):
-    """Fitted of a decide.Candidate of an assembly.Assembly, at some states of each recording.
-
-    Where the full fit does not settle, the numbers are those of the linear answer, and a note
-    says so.
-    """
+def sizes_of(assembly, candidate):
+    """(Hypotheses, amplitudes, their sd) of a decide.Candidate, in typical sizes, per cause."""
     hypotheses = tuple(assembly.hypothesis_of(e)[0] for e in candidate.explanations)
     amplitudes, widths, first = [], [], 0
     for one in hypotheses:
@@ -75,6 +74,16 @@ def fit_in_full(assembly, candidate):
         amplitudes.append(spread * candidate.mean[part])
         widths.append(spread * candidate.sd[part])
         first += len(spread)
+    return hypotheses, amplitudes, widths
+
+
+def fit_in_full(assembly, candidate):
+    """Fitted of a decide.Candidate of an assembly.Assembly, at some states of each recording.
+
+    Where the full fit does not settle, the numbers are those of the linear answer, and a note
+    says so.
+    """
+    hypotheses, amplitudes, widths = sizes_of(assembly, candidate)
     data = [data_of(m)[0] for m in assembly.matched[:len(assembly.matched) - assembly.sound]]
     try:
         found = refit(data, hypotheses, amplitudes)
@@ -110,8 +119,15 @@ def data_of(m):
     kept = np.unique(np.linspace(0, n - 1, min(n, STATES)).round().astype(int))
     observables = m.observables.at(kept)
     U = observables.whiten({kind: v[kept] for kind, v in m.nuisances.values.items()})
-    return Data(m.baseline.model.specimen, m.recorded.path, m.recorded.states.t[kept],
-                observables, U, m.baseline.model.terms), kept
+    return Data(m.baseline.model.specimen, _coarse(m.recorded.path, m.recorded.states.t[kept]),
+                m.recorded.states.t[kept], observables, U, m.baseline.model.terms), kept
+
+
+def _coarse(path, t):
+    """The transmission.Path with its values at t and the corners that a memory notices."""
+    travel = float(np.ptp(path.q, axis=0).max(initial=0.0))
+    kept = np.union1d(corners_of(path.t, path.q, CORNER * travel), np.searchsorted(path.t, t))
+    return Path(path.t[kept], path.q[kept])
 
 
 class FullFits:

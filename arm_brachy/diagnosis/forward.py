@@ -101,7 +101,7 @@ class ForwardModel:
         pads = path.at(times)[:, :, None] * self.directions
         if self.remembers:
             return stepped(self.specimen.body, self.body_terms, times, pads, self._options)
-        return self.equilibria.trajectory(times, pads)
+        return self.equilibria.trajectory(times, pads, ~np.isin(times, t) if kinks else None)
 
     def lateness(self, kind):
         """By how much the stamps of a stream are late [s]."""

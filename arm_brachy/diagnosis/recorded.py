@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from arm_brachy.diagnosis.kinds import kinds_of
 from arm_brachy.diagnosis.prepared import Prepared, prepare
-from arm_brachy.diagnosis.states import LIMIT, LoadStates, load_states
+from arm_brachy.diagnosis.states import LIMIT, LoadStates, load_states, without
 from arm_brachy.diagnosis.structural import Structure, structure_of
 from arm_brachy.diagnosis.transmission import Path
 
@@ -40,5 +40,6 @@ def look(evidence, *, limit=LIMIT, devices=None, calibration=None):
     prepared = prepare(evidence, devices, calibration)
     structure = structure_of(prepared)
     late = {kind: structure.late(kind) for kind in structure.clocks}
-    states = load_states(prepared, late, limit)
+    jumps = [t for finding in structure.findings if finding.onset for t in finding.onset]
+    states = without(load_states(prepared, late, limit), jumps)
     return Recorded(prepared, structure, states, kinds_of(states, evidence.pads))

@@ -38,12 +38,14 @@ from arm_brachy.diagnosis.specimen import Specimen
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.registry import TERMS
 from arm_brachy.tissue.contact_pads import touches
+from arm_brachy.tissue.newton import NewtonOptions
 
 SUFFICIENT = 0.1    # of the promised descent, for a step to be made
 GOOD = 0.5          # of it, for a larger one to be tried next
 # Derivatives are kept after a step of less than one standard deviation of the posterior, and after
 # any step that lowered the cost as they said it would.
 NEAR, TRUE = 0.5, 0.02
+STATICS = NewtonOptions(tolerance=1e-8)     # m: a hundredth of what any tracker averages to
 # A lump that moves through points of quadrature ripples the cost: where no step of a quarter of
 # the tolerance helps, the end may promise a standard deviation, and the interval has it.
 TINY, ROUGH = 0.25, 0.5
@@ -56,7 +58,7 @@ class Options:
     tolerance: float = quantity(0.02, '', 'descent of the cost not worth a step', low=1e-8,
                                 high=1.0, source='own choice: a fifth of the standard deviation '
                                                  'of the posterior')
-    runs: int = 60      # forward runs of each recording, differences included
+    runs: int = 40      # forward runs of each recording, differences included
 
 
 @dataclass(frozen=True)
@@ -257,7 +259,7 @@ class _Recording:
     def model(self, terms):
         """The ForwardModel with terms besides the known ones."""
         self.runs += 1
-        return ForwardModel(self.data.specimen, (*self.data.terms, *terms))
+        return ForwardModel(self.data.specimen, (*self.data.terms, *terms), options=STATICS)
 
     def predicted(self, terms):
         """(ForwardModel, kind -> (n, c, 3)) with terms, None for a state that is not found."""

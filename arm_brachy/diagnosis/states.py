@@ -1,12 +1,12 @@
 """A recording as a bounded number of load states: every stream averaged around each of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from arm_brachy.diagnosis.labels import Labels, free_labels, labels_of
 from arm_brachy.diagnosis.stream import ENCODER
-from arm_brachy.diagnosis.windows import free_windows, windows_of
+from arm_brachy.diagnosis.windows import SETTLED, free_windows, windows_of
 
 LIMIT = 80      # states: more say no more where the model is the limit, and take minutes
 LONGEST_GAP = 1.5   # periods between the samples on either side of an instant on a ramp
@@ -52,6 +52,21 @@ class LoadStates:
     path_t: np.ndarray
     path_q: np.ndarray
     state: np.ndarray
+
+
+def without(states, times):
+    """The LoadStates whose windows hold none of `times` [s]: in them nothing has one value."""
+    half = 0.5 * states.width + SETTLED
+    kept = np.array([not np.any(np.abs(np.asarray(times) - t) < h)
+                     for t, h in zip(states.t, half, strict=True)], dtype=bool)
+    labels = replace(states.labels, **{f.name: getattr(states.labels, f.name)[kept]
+                                       for f in fields(states.labels)})
+    streams = {kind: replace(one, values=one.values[kept], variance=one.variance[kept],
+                             count=one.count[kept]) for kind, one in states.streams.items()}
+    correlation = {kind: c[np.ix_(kept, kept)] for kind, c in states.correlation.items()}
+    return replace(states, t=states.t[kept], width=states.width[kept], q=states.q[kept],
+                   velocity=states.velocity[kept], streams=streams, correlation=correlation,
+                   labels=labels, state=states.state[kept])
 
 
 def load_states(prepared, late=None, limit=LIMIT):

@@ -17,6 +17,7 @@ from arm_brachy.tissue.simulator import TissueSimulator
 LEAD = 0.02         # s before every instant that a body with memory is stepped to
 APART = 1e-6        # s: times closer than that are one
 ALIKE = 1e-7        # m: pads closer than that are in one place
+PASSING = 4e-4      # m: what is remembered of a push of millimetres changes by less than a tenth
 
 
 @dataclass(frozen=True)
@@ -79,17 +80,21 @@ class Equilibria:
         self.body, self.solver = body, StaticSolver(body, options=options)
         self._pads, self._x = np.zeros((1, 3 * len(body.pads))), [body.mesh.nodes]
 
-    def trajectory(self, t, pads):
+    def trajectory(self, t, pads, passing=None):
         """Return the Trajectory at t (m,) [s] with the pads at `pads` (m, p, 3) [m].
 
+        passing : (m,) True for instants that matter for memories alone: with pads close to those
+            of another instant they share its state
         Instants with pads in one place share a solve; places are visited nearest first.
         """
         flat = pads.reshape(len(t), -1)
+        if passing is not None:
+            flat = _shared(flat, passing)
         _, first, back = np.unique(np.round(flat / ALIKE), axis=0, return_index=True,
                                    return_inverse=True)
         found = [None] * len(first)
         for k in _chain(flat[first], self._pads[-1]):
-            found[k] = self._solve(pads[first[k]])
+            found[k] = self._solve(flat[first[k]].reshape(pads.shape[1:]))
         x = np.stack([s.x if s.outcome.ok else np.full_like(s.x, np.nan) for s in found])
         force = np.stack([s.pad_force if s.outcome.ok else np.full_like(s.pad_force, np.nan)
                           for s in found])
@@ -104,6 +109,18 @@ class Equilibria:
             self._pads = np.vstack([self._pads, pads.ravel()])
             self._x.append(solution.x)
         return solution
+
+
+def _shared(flat, passing):
+    """Places (m, d) with those in `passing` (m,) moved to the nearest other one if it is close."""
+    out, kept = flat.copy(), list(np.flatnonzero(~passing))
+    for i in np.flatnonzero(passing):
+        off = np.abs(flat[kept] - flat[i]).max(axis=1)
+        if off.min(initial=np.inf) <= PASSING:
+            out[i] = flat[kept[int(off.argmin())]]
+        else:
+            kept.append(i)
+    return out
 
 
 def _chain(places, here):

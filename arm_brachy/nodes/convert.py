@@ -139,6 +139,18 @@ def wrench(frame, sample):
     return msg
 
 
+def sample(kind, names, msg):
+    """(c, 3) [m or N] of a marker frame, a pose or a wrench; NaN where not seen.
+
+    kind : of stream, 'optical', 'em' or 'force';  names : markers, in the order that is wanted
+    """
+    if kind == 'optical':
+        there = {name: xyz(p) for name, p, seen in zip(msg.ids, msg.points, msg.visible,
+                                                       strict=True) if seen}
+        return np.array([there.get(name, np.full(3, np.nan)) for name in names])
+    return np.array([xyz(msg.pose.position if kind == 'em' else msg.wrench.force)])
+
+
 def outcome(t_ns, frame, source, value, message=''):
     """StepOutcome; the message, where there is one, says more than the general advice."""
     return StepOutcome(header=header(t_ns, frame), source=source, outcome=value.name,

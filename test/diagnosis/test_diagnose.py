@@ -87,9 +87,14 @@ def stiffening(record):
 
 
 def test_nothing_is_missing_where_nothing_was_planted(record):
-    d = diagnose((record(),), source()).diagnosis
+    """And what is done meanwhile is told. Errors are those of the scene as it came: what linear
+    elements may be wrong by is so much that it predicts nothing of a pad that was held out.
+    """
+    said = []
+    d = diagnose((record(),), source(), progress=lambda step, _: said.append(step)).diagnosis
     assert d.verdict == 'nothing_missing' and d.causes == () and d.chance > 0.001
-    assert all(fit.recalibrated < 1.5 * fit.noise_floor for fit in d.fit)
+    assert all(fit.as_given < 1.2 * fit.noise_floor for fit in d.fit)
+    assert list(dict.fromkeys(said)) == list(STEPS)
 
 
 def test_stiffening_is_named_with_its_size(stiffening):
@@ -113,21 +118,8 @@ def test_the_answer_becomes_a_page_and_a_scenario(stiffening, scene, tmp_path):
     assert terms == ['strain_stiffening']
 
 
-def test_play_is_found_before_any_tissue_is_solved_for(record):
-    d = diagnose((record((PLAY,), seed=3),), source()).diagnosis
-    assert d.verdict == 'named' and [c.term for c in d.causes] == ['backlash']
-    assert d.causes[0].parameters['width'].value == pytest.approx(0.6e-3, rel=0.1)
-    assert d.where[0].actuator == 'pad_1'
-
-
 def test_what_a_sound_recording_shows_as_well_is_no_fault(record):
     d = diagnose((record((PLAY,), seed=3),), source(),
                  null=(record((PLAY,), seed=4, name='sound'),)).diagnosis
     assert d.verdict == 'nothing_missing'
     assert [r.role for r in d.provenance.recordings][-1] == 'null'
-
-
-def test_progress_goes_through_all_steps(record):
-    said = []
-    diagnose((record(seed=5),), source(), progress=lambda step, share: said.append(step))
-    assert list(dict.fromkeys(said)) == list(STEPS)

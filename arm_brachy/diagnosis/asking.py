@@ -1,0 +1,45 @@
+"""What to record next, of a decision that left causes open."""
+
+import numpy as np
+
+from arm_brachy.core.errors import NotConverged
+from arm_brachy.diagnosis.fitted import sizes_of
+from arm_brachy.diagnosis.next_experiment import next_experiment
+from arm_brachy.diagnosis.nuisances import nuisances
+from arm_brachy.diagnosis.planned import Option, Whitened
+from arm_brachy.diagnosis.statements import NextExperiment
+from arm_brachy.diagnosis.stream import ENCODER
+from arm_brachy.diagnosis.tolerances import joined, tolerances
+
+
+def asked(assembly, decision, ensemble, calibration=None):
+    """statements.NextExperiment that tells the causes of a class apart; None where there is none.
+
+    ensemble : mesh_errors.Ensemble;  calibration : finding.Calibration
+    """
+    if not decision.equals:
+        return None
+    open_ = (decision.accepted, *decision.equals)
+    options = tuple(Option(' + '.join(c.causes), *_of(assembly, c)) for c in open_)
+    columns = tuple(np.hstack([e.columns for e in c.explanations]) for c in open_)
+    first = assembly.matched[0]
+    noise = first.recorded.prepared.noise
+
+    def beside(baseline):
+        return joined(nuisances(baseline, calibration), tolerances(baseline, calibration),
+                      ensemble.along(baseline))
+
+    try:
+        return next_experiment(
+            first.baseline.model.specimen, first.baseline.model.terms, options, noise,
+            tuple(kind for kind in noise if kind != ENCODER), nuisance_columns=beside,
+            at_hand=Whitened(assembly.problem.U, assembly.names, columns))
+    except NotConverged as error:
+        return NextExperiment(instruction='Push each pad alone, at two speeds and to two depths; '
+                              f'what would tell them apart best was not found: {error}.')
+
+
+def _of(assembly, candidate):
+    """(Hypotheses, amplitudes (p,) in typical sizes) of a decide.Candidate."""
+    hypotheses, amplitudes, _ = sizes_of(assembly, candidate)
+    return hypotheses, np.concatenate(amplitudes)

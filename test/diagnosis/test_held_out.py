@@ -1,0 +1,56 @@
+"""Errors on kinds held out, of made-up parts whose answer is known."""
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.held_out import Part, stacked, stream_fits
+from arm_brachy.diagnosis.observables import Measured, Observables
+
+N, SD, SHIFT, EFFECT = 40, 1e-4, 2e-3, 5e-4
+
+
+def part(rng, effect=EFFECT, named=True):
+    """One marker at N states of two kinds, off by a shift and by an effect that grows."""
+    size = np.tile(np.linspace(0.0, 1.0, N // 2), 2)[:, None, None] * np.ones((N, 1, 3))
+    values = SHIFT + effect * size + SD * rng.standard_normal((N, 1, 3))
+    measured = Measured('optical', ('a',), values, np.ones((N, 1), dtype=bool),
+                        np.full((N, 1, 3), SD), np.eye(N))
+    both = Observables((measured,), {'optical': ('a',)})
+    zero = {'optical': np.zeros((N, 1, 3))}
+    shifts = np.zeros((N, 1, 3, 3))
+    shifts[:, 0] = 1e-2 * np.eye(3)
+    U, J = both.whiten({'optical': shifts}), both.whiten({'optical': 1e-3 * size[..., None]})
+    kinds = np.array(['slow', 'fast'])[(np.arange(N) >= N // 2).astype(int)][both.states]
+    r = both.residual(zero)
+    return Part(both, kinds, both.difference(zero), r, U, np.zeros(3, dtype=bool),
+                r if named else None, J if named else None)
+
+
+def test_errors_fall_from_the_scene_as_it_came_to_the_noise():
+    fit, = stream_fits([part(np.random.default_rng(1))])
+    assert fit.as_given == pytest.approx(SHIFT + 0.5 * EFFECT, rel=0.02)
+    assert fit.recalibrated == pytest.approx(np.hypot(EFFECT / np.sqrt(12.0), SD), rel=0.1)
+    assert fit.named == pytest.approx(SD, rel=0.15) == fit.noise_floor
+
+
+def test_without_a_cause_none_is_scored():
+    fit, = stream_fits([part(np.random.default_rng(2), named=False)])
+    assert fit.named is None
+
+
+def test_a_recording_that_was_not_fitted_is_predicted_from_those_that_were():
+    """Its own shift, known from the other by being shared, is not fitted to it again."""
+    rng = np.random.default_rng(3)
+    fit, = stream_fits([part(rng, 0.0)], {'later': part(rng)})
+    assert fit.held_out == 'later'
+    assert fit.recalibrated == pytest.approx(np.hypot(EFFECT / np.sqrt(3.0), SD), rel=0.1)
+
+
+def test_what_is_of_one_recording_alone_stands_side_by_side():
+    rng = np.random.default_rng(4)
+    one, other = part(rng), part(rng)
+    own = [Part(p.observables, p.kinds, p.given, p.r, p.U, np.array([True, False, False]))
+           for p in (one, other)]
+    U = stacked(own)
+    assert U.shape == (len(one.r) + len(other.r), 4)
+    assert not U[len(one.r):, 0].any() and not U[:len(one.r), 1].any()
