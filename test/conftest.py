@@ -3,12 +3,14 @@
 import os
 from pathlib import Path
 
-import numpy as np
-import pytest
-
+# Matrices in tests are small: threads of BLAS cost more than they gain. Before numpy is imported.
+os.environ.setdefault('OMP_NUM_THREADS', '1')
 # Read by the message classes when they are imported, so before any test module is collected:
 # without it rclpy publishes a field of the wrong type and says nothing.
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 HIGHEST_DOMAIN_ID = 101  # DDS ports of higher ids collide with Linux's ephemeral ports

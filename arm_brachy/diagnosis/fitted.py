@@ -165,35 +165,54 @@ class FullFits:
 def parts_of(assembly, fitted, ratio):
     """held_out.Part of every recording that may lack something.
 
-    fitted : Fitted of what was found, None = nothing;  ratio : of the model's modulus to the
-    scene's
+    fitted : Fitted of what was found beside what the model has, None = nothing
+    ratio : of the model's modulus to the scene's
     """
     out = []
     for i, m in enumerate(assembly.matched[:len(assembly.matched) - assembly.sound]):
         data, kept = data_of(m)
         kinds = np.array(m.recorded.kinds, dtype=object)[kept][data.observables.states]
         shown = {kind: values[kept] for kind, values in m.baseline.shown.items()}
-        given = data.observables.difference({**shown, FORCE: shown[FORCE] / ratio})
-        named = columns = None
+        named, columns = data.observables.residual(shown), np.zeros((len(kinds), 0))
         if fitted is not None and fitted.refit is not None:
             columns = fitted.refit.columns[i]
             named = fitted.refit.residual[i] + columns @ fitted.refit.z
-        out.append(Part(data.observables, kinds, given, data.observables.residual(shown), data.U,
-                        m.own, named, columns))
+        found = fitted is not None or bool(m.baseline.model.terms)
+        plain = _without_terms(m, data.encoder, data.t, shown)
+        out.append(_part(m, data.observables, kinds, data.U, plain, ratio,
+                         (named, columns) if found else (None, None)))
     return out
 
 
 def tested_part(m, fitted, ratio):
     """held_out.Part of a Matched that was not fitted, with what was found elsewhere."""
-    named = columns = None
+    named, width = m.r, 0
     if fitted is not None and fitted.refit is not None:
         model = ForwardModel(m.baseline.model.specimen, (*m.baseline.model.terms, *fitted.terms))
-        found = model.predict(m.recorded.path, m.recorded.states.t)
-        if not found.valid.all():
-            raise NotConverged(f'{m.recorded.name}: with what was found the model has no state at '
-                               f'{found.t[np.argmin(found.valid)]:.2f} s; leave it out')
-        named = m.observables.residual({kind: found.get(kind) for kind in m.baseline.shown})
-        columns = np.zeros((len(named), len(fitted.refit.z)))
-    shown = m.baseline.shown
-    given = m.observables.difference({**shown, FORCE: shown[FORCE] / ratio})
-    return Part(m.observables, m.kinds, given, m.r, m.U, m.own, named, columns)
+        found = _shown(model, m, m.recorded.path, m.recorded.states.t)
+        named, width = m.observables.residual(found), len(fitted.refit.z)
+    found = fitted is not None or bool(m.baseline.model.terms)
+    plain = _without_terms(m, m.recorded.path, m.recorded.states.t, m.baseline.shown)
+    return _part(m, m.observables, m.kinds, m.U, plain, ratio,
+                 (named, np.zeros((len(named), width))) if found else (None, None))
+
+
+def _part(m, observables, kinds, U, plain, ratio, found):
+    """The Part; plain : what the model shows without any term."""
+    given = observables.difference({**plain, FORCE: plain[FORCE] / ratio})
+    return Part(observables, kinds, given, observables.residual(plain), U, m.own, *found)
+
+
+def _without_terms(m, encoder, t, shown):
+    """kind -> (n, c, 3) of the specimen as it is, at instants at which `shown` is with terms."""
+    if not m.baseline.model.terms:
+        return shown
+    return _shown(ForwardModel(m.baseline.model.specimen), m, encoder, t)
+
+
+def _shown(model, m, encoder, t):
+    found = model.predict(encoder, t)
+    if not found.valid.all():
+        raise NotConverged(f'{m.recorded.name}: the model has no state at '
+                           f'{found.t[np.argmin(found.valid)]:.2f} s')
+    return {kind: found.get(kind) for kind in m.baseline.shown}

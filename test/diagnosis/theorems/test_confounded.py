@@ -98,9 +98,6 @@ def test_t9_without_them_neither_is_named(breast, rich, judge, lengths):
     assert found.verdict != 'named'
 
 
-@pytest.mark.xfail(strict=True, reason='170 nats of evidence and a difference at rest, which '
-                   'places of markers learn from any other kind: the gain in predicting kinds '
-                   'held out is 0.3 to 2.6 of 3, and the verdict nothing_missing, not the class')
 def test_t9_without_them_both_come_as_a_class(breast, rich, judge, lengths):
     m = breast.watch(rich, SCALED, kinds=(OPTICAL,), calibration=UNKNOWN_STROKE)
     found = judge([m], lengths)
