@@ -172,7 +172,7 @@ class Judge:
 
     def decide(self):
         """Return the Decision."""
-        before, ranked = self._scan(()), self._singles()
+        before, ranked = self._scan(()), self.singles()
         if before.chance >= self.rules.alarm and not self._claims(ranked[:1]):
             return Decision('nothing_missing', None, (), ranked, before, before)
         tried = ranked[:1] if self._claims(ranked[:1]) else ()
@@ -198,7 +198,7 @@ class Judge:
             return True
         return evidence >= self.rules.evidence and held_out >= self.rules.held_out
 
-    def _singles(self):
+    def singles(self):
         """The best Candidate of every cause, by evidence averaged over its variants."""
         by_cause = {}
         for one in self.problem.explanations:

@@ -50,14 +50,15 @@ class Answer:
 
 
 def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accuracy=None,
-             calibration=None):
+             calibration=None, meshes=None):
     """Return the Answer for evidence.Evidence of one scene.
 
     provenance : diagnosis.Provenance without recordings
     held_out : Evidence to test on, not fitted;  null : Evidence in which nothing is
     wrong: they calibrate, and what they show is no fault
     progress : called with (step of STEPS, share done 0 to 1), or None
-    accuracy : model_error.Accuracy;  calibration : finding.Calibration; None = defaults
+    accuracy : model_error.Accuracy;  calibration : finding.Calibration
+    meshes : mesh_errors.EnsembleOptions; None = defaults, here as there
     Raises InputError and its kin for what cannot be compared, NotConverged where the model has no
     state.
     Test: diagnosis/test_diagnose.py
@@ -76,30 +77,36 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     found = given(looked, known)
     say(STEPS[1], 0.0)
     specimen, ratio = _specimen(looked[0], evidences[0].scene)
-    terms = given(recorded).terms
     deepest = max(float(one.states.q.max()) for one in (*recorded, *tested))
-    ensemble = ensemble_of(ForwardModel(specimen), deepest, stream(provenance.seed, 'meshes'))
+    ensemble = ensemble_of(ForwardModel(specimen), deepest, stream(provenance.seed, 'meshes'),
+                           meshes)
     matched = []
     for one in (*recorded, *tested):
-        matched.append(match(one, specimen, ensemble, terms, calibration=calibration,
-                             accuracy=accuracy))
+        matched.append(match(one, specimen, ensemble, given((one,)).terms,
+                             calibration=calibration, accuracy=accuracy))
         say(STEPS[1], len(matched) / (len(recorded) + len(tested)))
     tests, matched = matched[len(recorded):], matched[:len(recorded)]
-    fault = mesh_fault(matched)
+    occasions = occasions_of(looked)
+    tried = try_all(matched, occasions, lambda done, of, name: say(STEPS[2], done / of))
+    say(STEPS[3], 0.0)
+    assembly, fits, judge = _judged(matched, tried, len(null), provenance.seed, accuracy)
+    fault = mesh_fault(matched, judge.singles()[0].evidence)
     if fault is not None:
         for one in tests:
             one.loosen(SYSTEMATIC, ALLOWED)
-    occasions = occasions_of(looked)
-    tried = try_all(matched, occasions, lambda done, of, name: say(STEPS[2], done / of))
-    assembly = assemble(matched, tried, sound=len(null))
-    say(STEPS[3], 0.0)
-    fits = FullFits(assembly, stream(provenance.seed, 'adequacy'))
-    decision = Judge(assembly.problem, stream(provenance.seed, 'decision'),
-                     check=fits.check).decide()
+        assembly, fits, judge = _judged(matched, tried, len(null), provenance.seed, accuracy)
+    decision = judge.decide()
     provenance = replace(provenance, recordings=_recordings(looked, tested, sound))
     request = asked(assembly, decision, ensemble, calibration)
     return _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, left_out,
                    fault, request)
+
+
+def _judged(matched, tried, sound, seed, accuracy):
+    """(Assembly, FullFits, Judge) of what was tried."""
+    assembly = assemble(matched, tried, sound)
+    fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy)
+    return assembly, fits, Judge(assembly.problem, stream(seed, 'decision'), check=fits.check)
 
 
 def _look(evidences, calibration, say):

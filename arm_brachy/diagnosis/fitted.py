@@ -10,6 +10,7 @@ from arm_brachy.diagnosis.assembly import features_of, structured_tests
 from arm_brachy.diagnosis.cause import Cause, Estimate
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.held_out import Part, stacked
+from arm_brachy.diagnosis.model_error import Accuracy
 from arm_brachy.diagnosis.motion import corners_of
 from arm_brachy.diagnosis.refit import Data, Refit, refit
 from arm_brachy.diagnosis.stream import FORCE
@@ -134,10 +135,12 @@ class FullFits:
     """Fitted of every decide.Candidate that is asked for, once, and what each leaves.
 
     rng : numpy.random.Generator for the distribution of structured tests
+    accuracy : model_error.Accuracy, None = its defaults: how well a law can hold
     """
 
-    def __init__(self, assembly, rng):
+    def __init__(self, assembly, rng, accuracy=None):
         self._assembly, self._rng, self._known = assembly, rng, {}
+        self._law = (accuracy or Accuracy()).law
 
     def of(self, candidate):
         """The Fitted of a decide.Candidate."""
@@ -159,7 +162,11 @@ class FullFits:
         tests, self.labels = structured_tests(
             [(part.observables, f) for part, f in zip(parts, features, strict=False)])
         U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts])])
-        return scan(U, np.concatenate([part.named for part in parts]), tests, self._rng)
+        effect = np.concatenate([part.r - residual for part, residual in
+                                 zip(parts, found.refit.residual, strict=True)])
+        weight = 1.0 / np.sqrt(1.0 + np.square(self._law * effect))
+        return scan(weight[:, None] * U, weight * np.concatenate([p.named for p in parts]),
+                    weight[:, None] * tests, self._rng)
 
 
 def parts_of(assembly, fitted, ratio):

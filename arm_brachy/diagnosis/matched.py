@@ -10,10 +10,10 @@ from arm_brachy.diagnosis.model_error import timing_errors, with_accuracy
 from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.observables import Observables, channels_of, measured
 from arm_brachy.diagnosis.recorded import Recorded
-from arm_brachy.diagnosis.tolerances import joined, tolerances
+from arm_brachy.diagnosis.tolerances import given_errors, joined, tolerances
 
 # Nuisances of one recording alone; all others belong to the set-up and are the same in each.
-OWN = ('frame_', 'em_', 'force_', 'clock_', 'touch_', 'timing_')
+OWN = ('frame_', 'em_', 'force_', 'clock_', 'touch_', 'timing_', 'given')
 
 
 @dataclass
@@ -67,5 +67,6 @@ def match(recorded, specimen, ensemble, terms=(), *, calibration=None, accuracy=
     observables = Observables(with_accuracy(measured(recorded.states), baseline.shown, rest,
                                             channels, accuracy), channels)
     parts = [nuisances(baseline, calibration), tolerances(baseline, calibration),
-             timing_errors(baseline, recorded, accuracy), ensemble.along(baseline)]
+             given_errors(baseline, terms), timing_errors(baseline, recorded, accuracy),
+             ensemble.along(baseline)]
     return Matched(recorded, baseline, observables, joined(*parts))

@@ -30,15 +30,17 @@ class MeshFault:
             1.0 / (1.0 + np.exp(-min(self.gain, 700.0)))))
 
 
-def mesh_fault(matched):
+def mesh_fault(matched, physics):
     """MeshFault of Matched recordings of one body, None if the mesh is good enough for them.
 
-    If it is not, the systematic columns of their nuisances are let go as far as they want.
+    physics : evidence for the best of all causes beside what any mesh may be wrong by: what
+        explains more is no fault of the mesh
+    If it is at fault, the systematic columns of the nuisances are let go as far as they want.
     """
     U, names = stacked_nuisances(matched)
     r, better = np.concatenate([m.r for m in matched]), np.isin(names, SYSTEMATIC)
     gain = log_density(U, r) - log_density(U[:, ~better], r)
-    if gain < AT_FAULT:
+    if gain < max(AT_FAULT, physics):
         return None
     for m in matched:
         m.loosen(SYSTEMATIC, ALLOWED)

@@ -21,6 +21,9 @@ class Accuracy:
                             'per axis, from state to state', low=0.0, high=1.0,
                             source='own choice: pairs of pads beside the sum of single ones, '
                                    'where meshes differ (a tenth of 5 %)')
+    law: float = quantity(0.05, '', 'error over effect of a cause as it was fitted, per row',
+                          low=0.0, high=1.0, source='own choice: no law of a soft material holds '
+                                                    'to better than some per cent')
     timing: float = quantity(0.05, '', 'error of the time of a moving state over the period of '
                              'the encoders', low=0.0, high=1.0,
                              source='own choice: a path between samples is not straight')

@@ -4,16 +4,17 @@ Every tolerance of `finding.Calibration` that a term of the registry stands for 
 response at the size of the tolerance: what is within it is no cause.
 """
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from arm_brachy.diagnosis.finding import Calibration
-from arm_brachy.diagnosis.hypothesis import hypothesis
+from arm_brachy.diagnosis.hypothesis import hypothesis, strengths
 from arm_brachy.diagnosis.nuisances import Nuisances
 from arm_brachy.diagnosis.responses import respond
 from arm_brachy.registry import by_name
 
+KNOWN = 0.03        # of its size: how well a finding knows the term that it names
 PER_ACTUATOR, PER_PAD, PER_STREAM = 'actuators', 'pads', 'stream'
 # tolerance -> term, its parameters, what each of several is for
 TOLERATED = (
@@ -46,6 +47,32 @@ def tolerances(baseline, calibration=None):
     kinds = parts[0]
     return Nuisances(tuple(names), {kind: np.concatenate([part[kind] for part in parts], axis=3)
                                     for kind in kinds})
+
+
+def given_errors(baseline, terms):
+    """Nuisances of a baseline.Baseline: terms that it was given are known to a few per cent."""
+    names, parts = ['given'], [{kind: np.zeros((*shown.shape, 1)) for kind, shown in
+                                baseline.shown.items()}]
+    for term in terms:
+        one = _as_hypothesis(term)
+        response = respond(baseline, one)
+        for k, strength in enumerate(one.strengths):
+            value = getattr(term, strength.name)
+            value = value if strength.component is None else value[strength.component]
+            size = KNOWN * abs(value - strength.neutral) / abs(strength.typical
+                                                               - strength.neutral)
+            parts.append({kind: size * values[..., k:k + 1]
+                          for kind, values in response.values.items()})
+            names.append(f'given_{term.spec.name}_{strength.label}')
+    return Nuisances(tuple(names), {kind: np.concatenate([part[kind] for part in parts], axis=3)
+                                    for kind in parts[0]})
+
+
+def _as_hypothesis(term):
+    """The Hypothesis of a term where it is, its strengths free."""
+    names = {strength.name for strength in strengths(type(term))}
+    place = {f.name: getattr(term, f.name) for f in fields(term) if f.name not in names}
+    return hypothesis(type(term), **place)
 
 
 def _places(specimen, each):
