@@ -19,7 +19,7 @@ COMMANDS = {  # name -> (module:object, first line of its help)
     'evaluate': ('run:evaluate',
                  'Metrics of a recording as a table, as JSON and as an HTML report.'),
     'diagnose': ('diagnose:diagnose',
-                 'Where recordings differ from their model, and what is missing.'),
+                 'Say where BAGs differ from their model and what physics is missing.'),
     'reproduce': ('reproduce:reproduce',
                   'Compute one published table or figure, ours beside theirs.'),
     'bench': ('bench:bench', "Time the tissue solvers, ours beside others' in one run."),

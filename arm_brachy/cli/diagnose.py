@@ -43,15 +43,15 @@ from arm_brachy.diagnosis.statements import edge_unit
                    'Default: runs/diagnosis-<time>.')
 @json_option
 def diagnose(bags, scene, null, held_out, seed, out, json_file):
-    """Where and when BAGs differ from their model, what physics is missing, how sure that is.
+    """Say where BAGs differ from their model and what physics is missing.
 
-    All recordings are of one body; kinds of push are held out in turn, and what is named has to
-    predict them. Beside the page comes a scenario with what was found, for `arm-brachy run`.
+    All BAGs are of one body. Kinds of push are held out in turn (or whole recordings, with
+    --hold-out), and what is named has to predict them. Beside the page comes a scenario with what
+    was found, for `arm-brachy run`.
 
     \b
-    Examples:
-      arm-brachy diagnose runs/monday/bag --scene config/scenes/breast.yaml
-      arm-brachy diagnose a b --null sound --scene phantom.yaml --json found.json
+    Example:
+      arm-brachy diagnose runs/probe/bag --scene config/scenes/breast.yaml
     """
     described = load_scene(scene)
     evidences, sound, tested = (load_evidence(some, described)
