@@ -100,10 +100,11 @@ def alternatives_of(assembly, decision, named=()):
     return (*out[:MOST], *untried)
 
 
-def recalibrated(assembly, scene, explanations, spread):
+def recalibrated(assembly, scene, explanations, spread, scale=None):
     """{'E': Estimate [Pa]} of a core.scene.Scene's modulus; {} where nothing recorded tells it.
 
     spread : prior standard deviation of its logarithm, to which its nuisance is scaled
+    scale : Estimate of it over that of the scene by a full fit, None = by the linear answer
     """
     problem = assembly.problem
     U = np.hstack([problem.U, *(e.columns for e in explanations)])
@@ -112,6 +113,9 @@ def recalibrated(assembly, scene, explanations, spread):
     sd = float(np.sqrt(fit.covariance([column])[0, 0]))
     if sd > TOLD:
         return {}
+    if scale is not None:
+        return {'E': Estimate(*(float(scene.material.E * v) for v in
+                                (scale.value, scale.low, scale.high)))}
     value, reach = 1.0 + spread * fit.mean[column], TO_90 * spread * sd
     E = scene.material.E
     return {'E': Estimate(*(float(E * v) for v in (value, value - reach, value + reach)))}

@@ -169,7 +169,8 @@ def _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, l
         conclude.alternatives_of(assembly, decision, {c.term for c in causes}),
         stream_fits(parts_of(assembly, best, ratio), {
             m.recorded.name: tested_part(m, best, ratio) for m in tests}), request,
-        conclude.recalibrated(assembly, scene, explanations, Priors().modulus),
+        conclude.recalibrated(assembly, scene, explanations, Priors().modulus,
+                              best.scale if best else None),
         held_out=accepted.held_out if accepted else None, chance=decision.left.chance,
         apart=min((float(c.separation) for c in decision.equals), default=None),
         findings=tuple(f for one in looked for f in one.structure.findings), notes=tuple(notes))

@@ -1,6 +1,6 @@
 """What was chosen, fitted in full: numbers with intervals, and how well kinds held out are met."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,11 +10,13 @@ from arm_brachy.diagnosis.assembly import features_of, structured_tests
 from arm_brachy.diagnosis.cause import Cause, Estimate
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.held_out import Part, stacked
+from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.model_error import Accuracy
 from arm_brachy.diagnosis.motion import corners_of
 from arm_brachy.diagnosis.refit import Data, Refit, refit
 from arm_brachy.diagnosis.stream import FORCE
 from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 
 CORNER = 0.02       # of the largest travel, that a path may be off between its corners
 STATES = 20         # of each recording at which causes are fitted in full
@@ -27,7 +29,8 @@ class Fitted:
 
     hypotheses : hypothesis.Hypothesis each;  terms : of the registry, as found
     estimates : per hypothesis {field: cause.Estimate}
-    refit : refit.Refit, None where it did not settle
+    refit : refit.Refit, None where it did not settle; its last term is the scale of the modulus
+    scale : Estimate of the modulus over that of the model, fitted with them; None without refit
     notes : sentences
     """
 
@@ -35,6 +38,7 @@ class Fitted:
     terms: tuple
     estimates: tuple
     refit: Refit | None
+    scale: Estimate | None = None
     notes: tuple = ()
 
     def causes(self, probability, option=0):
@@ -85,18 +89,30 @@ def fit_in_full(assembly, candidate):
     says so.
     """
     hypotheses, amplitudes, widths = sizes_of(assembly, candidate)
-    data = [data_of(m)[0] for m in assembly.matched[:len(assembly.matched) - assembly.sound]]
+    data = [_without_modulus(m) for m in assembly.matched[:len(assembly.matched)
+                                                          - assembly.sound]]
+    modulus = hypothesis(StiffnessScale)
     try:
-        found = refit(data, hypotheses, amplitudes)
+        found = refit(data, (*hypotheses, modulus), (*amplitudes, np.zeros(1)))
     except NotConverged as error:
         estimates = tuple(_linear(*x) for x in zip(hypotheses, amplitudes, widths, strict=True))
         terms = tuple(one.term(a) for one, a in zip(hypotheses, amplitudes, strict=True))
         names = ' and '.join(one.name for one in hypotheses)
-        return Fitted(hypotheses, terms, estimates, None, (
+        return Fitted(hypotheses, terms, estimates, None, None, (
             f'The full fit of {names} did not settle ({error}); its numbers are those of the '
             'linear answer.',))
-    return Fitted(hypotheses, found.terms,
-                  tuple(found.estimates[i] for i in range(len(hypotheses))), found)
+    n = len(hypotheses)
+    return Fitted(hypotheses, found.terms[:n], tuple(found.estimates[i] for i in range(n)), found,
+                  found.estimates[n]['factor'])
+
+
+def _without_modulus(m):
+    """refit.Data of a Matched in which the modulus is no nuisance: other numbers are relative to
+    it, so that it is fitted in full with them.
+    """
+    data = data_of(m)[0]
+    kept = np.array([name != 'modulus' for name in m.nuisances.names], dtype=bool)
+    return replace(data, U=data.U[:, kept])
 
 
 def _linear(hypothesis, amplitude, width):
@@ -195,7 +211,8 @@ def tested_part(m, fitted, ratio):
     """held_out.Part of a Matched that was not fitted, with what was found elsewhere."""
     named, width = m.r, 0
     if fitted is not None and fitted.refit is not None:
-        model = ForwardModel(m.baseline.model.specimen, (*m.baseline.model.terms, *fitted.terms))
+        model = ForwardModel(m.baseline.model.specimen,
+                             (*m.baseline.model.terms, *fitted.refit.terms))
         found = _shown(model, m, m.recorded.path, m.recorded.states.t)
         named, width = m.observables.residual(found), len(fitted.refit.z)
     found = fitted is not None or bool(m.baseline.model.terms)
