@@ -25,7 +25,8 @@ scenario: setup
 
 test: setup
 	.venv/bin/ruff check .
-	.venv/bin/python -m pytest
+	.venv/bin/python -m pytest -n 2 --dist loadscope --ignore test/ros
+	.venv/bin/python -m pytest test/ros
 
 clean:
 	rm -rf .venv
