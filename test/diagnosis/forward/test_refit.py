@@ -143,8 +143,9 @@ def test_two_causes_at_once_and_the_model_has_a_third(linear, encoder, record):
     assert holds(found.estimates[1]['gain'], -0.1)
     assert [type(term) for term in found.terms] == [ActuatorGain, ForceGain]
     again = ForwardModel(linear, (known, *found.terms)).predict(encoder, STATES)
-    for kind in KINDS:
-        assert np.array_equal(found.predicted[0][kind], again.get(kind))
+    for kind in KINDS:  # to the 10 nm at which a refit ends its solves
+        assert np.allclose(found.predicted[0][kind], again.get(kind), rtol=0.0,
+                           atol=1e-4 if kind == 'force' else 1e-7)
 
 
 def test_a_push_is_found_from_the_next_place_on_the_surface(record, linear):
