@@ -55,7 +55,7 @@ def test_a_killed_recorder_loses_at_most_a_quarter_second(short_scenario, tmp_pa
     report = recover(bag, tmp_path / 'mended')
     with BagReader(tmp_path / 'mended') as reader:
         last = reader.span_ns[1] * 1e-9
-    assert last >= killed_at[0] - LOSS_S
+    assert last >= killed_at[0] - LOSS_S - 1e-9    # of rounding
     assert report['messages']['/clock'] > 30
 
 
