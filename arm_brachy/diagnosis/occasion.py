@@ -8,6 +8,7 @@ from arm_brachy.evaluation.regimes import HOLD, LOAD, REST, UNLOAD
 SHARE = 0.3      # of the largest effect: less is not shown as an interval
 BESIDES = 0.6    # correlation with a regime below which an effect shows in none in particular
 NEAR = 3.0       # s: stretches closer than that are one
+MANY = 3         # stretches; what shows in more shows from the first to the last
 
 
 def shown_in(matched, rows):
@@ -28,6 +29,8 @@ def intervals(matched, size, *, term='', onset=None):
     regime, strong = regime_of(states, size), np.flatnonzero(size >= SHARE * size.max())
     cuts = np.flatnonzero(np.diff(states.t[strong]) > NEAR) + 1
     runs = np.split(strong, cuts)
+    if len(runs) > MANY:
+        runs = [strong]
     runs.sort(key=lambda run: -size[run].max())
     half = 0.5 * states.width
     return tuple(Interval(matched.recorded.name, float(states.t[run[0]] - half[run[0]]),
