@@ -15,6 +15,7 @@ from arm_brachy.cli.output import (
     show_table,
     summary,
 )
+from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis import diagnose as stages
 from arm_brachy.diagnosis import words
@@ -94,10 +95,15 @@ def _corrected(found, evidence, scene, folder):
     if not [cause for cause in found.causes if cause.physical] and not found.recalibrated:
         return found
     motion = motion_of(evidence)
-    moves = () if motion is None else moves_of(motion, evidence.pads)
-    base = base_scenario(scene, Path(scene).stem, found.provenance.seed, moves)
-    path = write_corrected(found, base, folder / 'corrected.yaml')
-    return replace(found, scene=str(path))
+    base = base_scenario(scene, Path(scene).stem, found.provenance.seed)
+    if motion is not None:
+        base = replace(base, moves=moves_of(motion, evidence.scene.pads,
+                                            base.actuators.max_speed))
+    try:
+        return replace(found, scene=str(write_corrected(found, base, folder / 'corrected.yaml')))
+    except ConfigError as error:    # the answer took minutes and stands without
+        note = f'No scenario with what was found could be written: {error}.'
+        return replace(found, notes=(*found.notes, note))
 
 
 def _show(found, folder):

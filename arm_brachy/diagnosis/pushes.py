@@ -7,21 +7,23 @@ from arm_brachy.control.moves import Move, PadTarget
 FINEST = 1e-5       # m, targets are rounded to
 
 
-def moves_of(motion, pads):
-    """control.moves.Move each, from a motion.Motion of pads (p names); a tuple.
+def moves_of(motion, pads, fastest):
+    """control.moves.Move each, from a motion.Motion of core.scene.PadPatch pads (p); a tuple.
 
-    One per ramp, with the stand after it; positions below zero, an encoder's noise, are home.
+    fastest : [m/s] that the actuators can do. One move per ramp, with the stand after it; what an
+    encoder's noise adds below home, beyond the stroke or to the speed is cut off.
     """
+    stroke = np.array([pad.stroke for pad in pads])
     out = []
     phases = motion.phases()
     for k, (first, stop) in enumerate(phases):
         if motion.still[first]:
             continue
-        goal = np.maximum(FINEST * np.round(motion.q[stop] / FINEST), 0.0)
-        speed = float(np.abs(motion.velocity[first:stop]).max())
+        goal = np.clip(FINEST * np.round(motion.q[stop] / FINEST), 0.0, stroke)
+        speed = min(float(np.abs(motion.velocity[first:stop]).max()), fastest)
         hold = 0.0
         if k + 1 < len(phases) and motion.still[phases[k + 1][0]]:
             hold = float(motion.t[phases[k + 1][1]] - motion.t[phases[k + 1][0]])
         out.append(Move(f'push_{len(out) + 1}', speed, tuple(
-            PadTarget(name, float(q)) for name, q in zip(pads, goal, strict=True)), hold=hold))
+            PadTarget(pad.name, float(q)) for pad, q in zip(pads, goal, strict=True)), hold=hold))
     return tuple(out)
