@@ -37,6 +37,8 @@ from arm_brachy.diagnosis.states import LIMIT
 FEWEST = 12         # states of a recording that are worth comparing
 MOST = 200          # states of all recordings together
 CERTAIN = 0.999     # probability of what a finding says that has no rival
+MORE = ('More is left than better meshes of this size would change: solve on a finer one before '
+        'physics is asked for.')
 STEPS = ('what the streams say by themselves', 'the model beside the recordings',
          'every term of the catalogue', 'decision and full fits')
 
@@ -70,8 +72,9 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
                                    lambda share: say(STEPS[2], share)))
     say(STEPS[0], 0.0)
     recorded, left_out = _look(evidences, calibration, say)
-    sound, tested = (_look(some, calibration, say)[0] if some else () for some in
-                     (null, held_out))
+    (sound, fewer), (tested, fewest) = (_look(some, calibration, say) for some in
+                                        (null, held_out))
+    left_out = (*left_out, *fewer, *fewest)
     looked, recorded = recorded, (*recorded, *sound)
     known = [f for one in sound for f in one.structure.findings]
     found = given(looked, known)
@@ -111,7 +114,7 @@ def _judged(matched, tried, sound, seed, accuracy):
 
 def _look(evidences, calibration, say):
     """(Recorded each, notes); too many recordings share the states that can be afforded."""
-    limit = min(LIMIT, max(FEWEST, MOST // len(evidences)))
+    limit = min(LIMIT, max(FEWEST, MOST // max(len(evidences), 1)))
     kept = evidences
     notes = []
     if len(evidences) * FEWEST > MOST:
@@ -163,12 +166,18 @@ def _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, l
     if decision.verdict == 'unexplained' and fault is None:
         places, times = conclude.unexplained(assembly, decision.before.worst, left)
         where, when = [*places, *where], [*times, *when]
+    verdict = _verdict(decision.verdict, causes, fault, found.nameless)
+    if verdict == 'unexplained':
+        where += [place_of(finding, scene) for finding, _ in found.nameless]
+        when += [interval_of(finding, name) for finding, name in found.nameless]
+    if fault is not None and decision.verdict == 'unexplained':
+        notes.append(MORE)
     diagnosis = Diagnosis(
-        _verdict(decision.verdict, causes, fault),
+        verdict,
         provenance, tuple(causes), tuple(where), tuple(when),
         conclude.alternatives_of(assembly, decision, {c.term for c in causes}),
-        stream_fits(parts_of(assembly, best, ratio), {
-            m.recorded.name: tested_part(m, best, ratio) for m in tests}), request,
+        stream_fits(parts_of(assembly, best, ratio), [
+            (m.recorded.name, tested_part(m, best, ratio)) for m in tests]), request,
         conclude.recalibrated(assembly, scene, explanations, Priors().modulus,
                               best.scale if best else None),
         held_out=accepted.held_out if accepted else None, chance=decision.left.chance,
@@ -178,11 +187,15 @@ def _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, l
                                    _traces(assembly, left if explanations else None)))
 
 
-def _verdict(verdict, causes, fault):
+def _verdict(verdict, causes, fault, nameless):
     """That of the decision, but for what needs no decision: findings, and a mesh at fault."""
     if verdict == 'unexplained' and fault is not None:
         return 'named'
-    return 'named' if verdict == 'nothing_missing' and causes else verdict
+    if verdict != 'nothing_missing':
+        return verdict
+    if causes:
+        return 'named'
+    return 'unexplained' if nameless else verdict
 
 
 def _options(decision):

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from arm_brachy.core.errors import NotConverged
+from arm_brachy.core.quantity import quantities
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.assembly import features_of, structured_tests
 from arm_brachy.diagnosis.cause import Cause, Estimate
@@ -95,6 +96,7 @@ def fit_in_full(assembly, candidate):
     try:
         found = refit(data, (*hypotheses, modulus), (*amplitudes, np.zeros(1)))
     except NotConverged as error:
+        amplitudes = [_allowed(*x) for x in zip(hypotheses, amplitudes, strict=True)]
         estimates = tuple(_linear(*x) for x in zip(hypotheses, amplitudes, widths, strict=True))
         terms = tuple(one.term(a) for one, a in zip(hypotheses, amplitudes, strict=True))
         names = ' and '.join(one.name for one in hypotheses)
@@ -113,6 +115,20 @@ def _without_modulus(m):
     data = data_of(m)[0]
     kept = np.array([name != 'modulus' for name in m.nuisances.names], dtype=bool)
     return replace(data, U=data.U[:, kept])
+
+
+def _allowed(hypothesis, amplitudes):
+    """(k,) amplitudes cut to what the limits of the parameters allow."""
+    infos, out = quantities(hypothesis.cls), []
+    for strength, a in zip(hypothesis.strengths, amplitudes, strict=True):
+        info, unit = infos[strength.name], strength.typical - strength.neutral
+        if np.isfinite(strength.neutral):
+            ends = sorted((info.scale * limit - strength.neutral) / unit for limit in (
+                -np.inf if info.low is None else info.low,
+                np.inf if info.high is None else info.high))
+            a = min(max(a, ends[0]), ends[1])
+        out.append(a)
+    return np.array(out)
 
 
 def _linear(hypothesis, amplitude, width):

@@ -12,7 +12,7 @@ Source of the rest: Clough & Penzien 1993, Dynamics of Structures, ch. 12.
 Test: diagnosis/test_free_model.py (against integration in time)
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
@@ -20,15 +20,14 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from arm_brachy.core.errors import ConfigError, NotConverged
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.term import Stage
-from arm_brachy.diagnosis.specimen import Attachment, Specimen
-from arm_brachy.diagnosis.stream import BASE, TISSUE
+from arm_brachy.diagnosis.specimen import Specimen, attach
+from arm_brachy.diagnosis.stream import TISSUE
 from arm_brachy.diagnosis.trajectory import Trajectory, evolve
 from arm_brachy.registry import TERMS
 from arm_brachy.tissue.body import StepFields
-from arm_brachy.tissue.build import build_body, placement_mesh
+from arm_brachy.tissue.build import build_body
 from arm_brachy.tissue.dynamics import DynamicOptions
 from arm_brachy.tissue.mass import mass_matrix
-from arm_brachy.tissue.mesh import embed
 from arm_brachy.tissue.newton import StaticSolver
 from arm_brachy.tissue.simulator import TissueSimulator
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
@@ -90,7 +89,7 @@ class FreeModel:
         for term in self.terms:
             body = term.prepare(body)
         self.body, self._near = body, near
-        self._attached = _attached(specimen, body, specimen.rest)
+        self._attached = attach(specimen, body)
         self.remembers = any(t.memory(body) is not None for t in self.terms)
 
     def swing(self, times):
@@ -114,7 +113,7 @@ class FreeModel:
         """
         inside = self._attached.inside
         rest = self.specimen.rest + np.where(inside[:, None], shift, 0.0)
-        there = _attached(self.specimen, self.body, rest)
+        there = attach(replace(self.specimen, rest=rest), self.body)
         zero = np.zeros((0, 3))
         moved = there.points(x, zero, np.zeros(3)) - there.points(
             self.body.mesh.nodes, zero, np.zeros(3))
@@ -202,17 +201,6 @@ class FreeModel:
         fields.scale_all_but_bulk(1.0 + FAINT)
         more = (solver.assembler.tangent(x, fields) - plain).tocsc()[dofs][:, dofs]
         return np.einsum('ij,ij->j', modes, more @ modes) / FAINT
-
-
-def _attached(specimen, body, rest):
-    """Attachment of points at `rest` (k, 3) [m] to a SoftBody without pads."""
-    carriers = np.array([*specimen.carriers, *[TISSUE] * len(specimen.tools)])
-    inside = carriers == TISSUE
-    names = [*specimen.markers, *specimen.tools]
-    embedding = embed(placement_mesh(specimen.mesh, body), rest[inside],
-                      names=[name for name, here in zip(names, inside, strict=True) if here])
-    return Attachment(rest, inside, embedding, np.zeros((len(rest), 0)),
-                      (carriers == BASE).astype(float))
 
 
 def _ringing(w, ratio, shapes, way):

@@ -14,7 +14,6 @@ from arm_brachy.diagnosis.free_release import oscillation
 
 BEGIN = 0.1         # s after the release, for a body that does not ring
 INSTANTS = 8        # at which a model is asked for its slow motion
-SETTLE = 0.5        # share of a recording, its end, in which the slow motion of a repeat is seen
 
 
 @dataclass(frozen=True)

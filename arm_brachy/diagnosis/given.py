@@ -14,7 +14,7 @@ class Given:
     certain : (finding, recording) that name a term and have no rival in the tissue: the model
         gets them before anything else is looked for
     open : that name a term which tissue may imitate: left to the comparison with the model
-    nameless : that name none
+    nameless : that name none, silence of a stream left out: it is no departure from the model
     """
 
     certain: tuple
@@ -42,7 +42,7 @@ def given(recorded, known=()):
             if any(_same(finding, other) for other in known):
                 continue
             if finding.term is None:
-                nameless.append((finding, one.name))
+                nameless += [(finding, one.name)] if finding.unit != 's' else []
             elif any(_in_tissue(rival) for rival in finding.rivals):
                 open_.append((finding, one.name))
             else:

@@ -40,12 +40,12 @@ def stacked(parts):
 def stream_fits(parts, tested=()):
     """statements.StreamFit of every stream that Part recordings hold.
 
-    tested : names -> Part of recordings that were not fitted, on which all errors are then
+    tested : (name, Part) of recordings that were not fitted, on which all errors are then
         taken; () = every kind of push of the fitted ones in turn
     Nothing of what is predicted is known beforehand, nuisances included: what a pad that is
     pushed there alone has of its own is left in.
     """
-    every = (*parts, *dict(tested).values())
+    every = (*parts, *(part for _, part in tested))
     U, kinds = stacked(every), np.concatenate([part.kinds for part in parts])
     folds = [kinds == kind for kind in np.unique(kinds)]
     if tested:
@@ -58,9 +58,10 @@ def stream_fits(parts, tested=()):
         whole = np.hstack([U, np.vstack([part.columns for part in every])])
         errors['named'] = _left(every, whole, np.concatenate([p.named for p in every]), folds)
     streams = np.array([row.kind for part in every for row in part.observables.rows])
+    held_out = ', '.join(name for name, _ in tested) or 'every kind of push in turn'
     return tuple(StreamFit(kind, **{name: _rms(values[asked & (streams == kind)])
                                     for name, values in errors.items()},
-                           held_out=', '.join(dict(tested)) or 'every kind of push in turn')
+                           held_out=held_out)
                  for kind in dict.fromkeys(streams[asked].tolist()))
 
 

@@ -50,24 +50,6 @@ def log_density(U, r):
     return -0.5 * (r @ r - explained @ explained + log_det + len(r) * np.log(2.0 * np.pi))
 
 
-def predictive(U, r, held_out):
-    """Return log p(r of the rows held out, given the others).
-
-    held_out : (n,) True for the rows to be predicted. The difference of two joint densities.
-    """
-    return log_density(U, r) - log_density(U[~held_out], r[~held_out])
-
-
-def held_out_score(U, r, kinds):
-    """Return the sum over kinds of `predictive`: (total, {kind: log density}).
-
-    kinds : (n,) labels, whole kinds of experiment (a pad, a speed, an amplitude), never single
-        samples: neighbours in time predict each other under any model
-    """
-    each = {kind: predictive(U, r, kinds == kind) for kind in np.unique(kinds)}
-    return float(sum(each.values())), each
-
-
 def separation(power, cross, own):
     """Return how far an effect is from the best that a rival can make of it [sd of noise].
 

@@ -18,7 +18,6 @@ from arm_brachy.diagnosis.regression import regress
 from arm_brachy.diagnosis.stream import ENCODER, FORCE, OPTICAL
 
 GAIN, COMPLIANCE, PLAY, DELAY, OFFSET = 'gain', 'compliance', 'play', 'delay', 'offset'
-CAUSES = (GAIN, COMPLIANCE, PLAY, DELAY)
 WIDEST_PLAY = 0.5        # of the pad's travel
 REACH = 0.01             # s, over which the encoder's slope is taken
 FEWEST = 50              # samples of a marker or force

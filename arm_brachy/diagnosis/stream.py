@@ -6,7 +6,6 @@ import numpy as np
 
 ENCODER, FORCE, OPTICAL, EM = 'encoder', 'force', 'optical', 'em'
 UNITS = {ENCODER: 'm', FORCE: 'N', OPTICAL: 'm', EM: 'm'}
-POSITIONS = (OPTICAL, EM)
 TISSUE, BASE = 'tissue', 'base'
 
 

@@ -41,7 +41,7 @@ def test_without_a_cause_none_is_scored():
 def test_a_recording_that_was_not_fitted_is_predicted_from_those_that_were():
     """Its own shift, known from the other by being shared, is not fitted to it again."""
     rng = np.random.default_rng(3)
-    fit, = stream_fits([part(rng, 0.0)], {'later': part(rng)})
+    fit, = stream_fits([part(rng, 0.0)], [('later', part(rng))])
     assert fit.held_out == 'later'
     assert fit.recalibrated == pytest.approx(np.hypot(EFFECT / np.sqrt(3.0), SD), rel=0.1)
 
