@@ -37,6 +37,9 @@ class Calibration:
                                  high=100.0, source='own choice: tared to one or two counts')
     force_drift: float = quantity(0.05, 'N_min', 'drift of a force sensor, per axis', low=0.0,
                                   high=100.0, source='own choice: 0.1 % of 50 N per minute')
+    touch: float = quantity(0.2, 'mm', 'pad position where the encoder says zero', low=0.0,
+                            high=10.0, source='own choice: where a pad first touches soft '
+                                              'tissue, found by eye')
     direction: float = quantity(0.5, 'deg', 'direction of a push', low=0.0, high=90.0,
                                 source='own choice: aligned by eye to a drawing')
     base: float = quantity(0.02, 'mm', 'motion of the base plate, per axis', low=0.0, high=10.0,

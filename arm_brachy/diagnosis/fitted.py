@@ -14,7 +14,8 @@ from arm_brachy.diagnosis.held_out import Part, stacked
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.model_error import Accuracy
 from arm_brachy.diagnosis.motion import corners_of
-from arm_brachy.diagnosis.refit import Data, Refit, refit
+from arm_brachy.diagnosis.recording_fit import Data
+from arm_brachy.diagnosis.refit import Refit, refit
 from arm_brachy.diagnosis.stream import FORCE
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale

@@ -32,8 +32,28 @@ def force_findings(prepared, jumps=()):
     t = np.array([force.t[rows].mean() for rows in rests])
     fits = [_fit(prepared, force, k, rests, t, jumps) for k in range(len(force.names))]
     scatter = _scatter(fits)
+    slack = np.hypot(prepared.calibration.force_zero,
+                     prepared.calibration.touch * _stiffness(prepared, force, rests))
     return tuple(found for pad, fit in zip(force.names, fits, strict=True) if fit is not None
-                 for found in _findings(prepared, pad, fit, scatter, force.t))
+                 for found in _findings(prepared, pad, fit, scatter, slack, force.t))
+
+
+def _stiffness(prepared, force, rests):
+    """Force per travel [N/m] of the pad that the tissue pushes back most, by its deepest push.
+
+    A pad whose zero is off by a touch presses, or pulls, at rest already.
+    """
+    (tt, q), names = prepared.travel, prepared.evidence.get(ENCODER).names
+    found = [0.0]
+    for k, pad in enumerate(force.names):
+        if pad not in names or not force.valid[:, k].any():
+            continue
+        depth = np.where(force.valid[:, k], np.interp(force.t, tt, q[:, names.index(pad)]), 0.0)
+        deep = depth > 0.5 * depth.max()
+        if depth.max() > prepared.motion.touch:
+            push = force.values[:, k] - np.nanmean(force.values[rests[0], k], axis=0)
+            found.append(np.median(np.linalg.norm(push[deep], axis=1) / depth[deep]))
+    return max(found)
 
 
 def unloaded(prepared, t):
@@ -101,7 +121,7 @@ def _scatter(fits):
     return np.sqrt(total / max(sum(dof for *_, dof in known), 1))
 
 
-def _findings(prepared, pad, fit, scatter, t):
+def _findings(prepared, pad, fit, scatter, slack, t):
     beta, covariance, _, _ = fit
     calibration, tests = prepared.calibration, TESTS * len(prepared.evidence.pads)
     limit, span = threshold(tests, 3), (float(t[0]), float(t[-1]))
@@ -115,11 +135,11 @@ def _findings(prepared, pad, fit, scatter, t):
             f'The force on {pad} drifts by {60.0 * np.linalg.norm(rate):.2f} N a minute while '
             'nothing pushes.', rivals=('swelling_drift',),
             parameters={'rate': tuple(rate), 'pads': (pad,)}))
-    z = sigma(zero, zero_sd, calibration.force_zero)
+    z = sigma(zero, zero_sd, slack)
     if z > limit:
         out.append(Finding(
             FORCE, pad, 'force_drift', 'bias', zero, 'N', zero_sd, z, *span,
             f'The force on {pad} reads {np.linalg.norm(zero):.2f} N at the start while nothing '
-            'pushes.', rivals=('actuator_gain',),
+            'pushes.', rivals=('actuator_gain', 'gravity', 'reference_shape'),
             parameters={'rate': (0.0, 0.0, 0.0), 'bias': tuple(zero), 'pads': (pad,)}))
     return out

@@ -55,6 +55,7 @@ class ForwardModel:
 
     terms : instances of the registry's terms, any order
     options : NewtonOptions or None
+    past : carried.Past along which memories are carried, None = states are stepped one by one
     body : SoftBody as its terms prepared it;  body_terms : those that act there
     attached : specimen.Attachment;  directions : (p, 3) in which the pads are pushed
     Setpoint terms have acted before the encoders and change nothing here. Starts are at rest: the
@@ -62,8 +63,8 @@ class ForwardModel:
     Raises what a term raises that does not fit the body.
     """
 
-    def __init__(self, specimen, terms=(), *, options=None):
-        self.specimen, self._options = specimen, options
+    def __init__(self, specimen, terms=(), *, options=None, past=None):
+        self.specimen, self._options, self._past = specimen, options, past
         self.terms = tuple(sorted(terms, key=lambda term: TERMS.index(type(term))))
         self._by_stage = split(self.terms)
         self.body_terms = self._by_stage[Stage.BODY]
@@ -97,6 +98,9 @@ class ForwardModel:
         kinks : ask a body without memory for the times between as well
         """
         t = np.unique(t)
+        if self.remembers and self._past is not None:
+            return self._past.trajectory(self.body, self.body_terms, t,
+                                         path.at(t)[:, :, None] * self.directions, self._options)
         times = grid(path, t) if self.remembers or kinks else t
         pads = path.at(times)[:, :, None] * self.directions
         if self.remembers:

@@ -22,9 +22,6 @@ class Priors:
     frame: float = quantity(1.0, 'mm', 'registration of the optical tracker, each of 6 motions, '
                             'turns by what they move a marker', low=0.0, high=100.0,
                             source='own choice: weak, so that a frame is no evidence')
-    touch: float = quantity(0.2, 'mm', 'pad position where the encoder says zero', low=0.0,
-                            high=10.0, source='own choice: where a pad first touches soft '
-                                              'tissue, found by eye')
     modulus: float = quantity(0.5, '', 'logarithm of the modulus of the whole body', low=0.0,
                               high=10.0, source='own choice: weak, known within a factor of two')
 
@@ -54,7 +51,7 @@ def nuisances(baseline, calibration=None, priors=None):
                *_shifts(OPTICAL, specimen.markers, calibration.placement),
                *_shifts(EM, specimen.tools, calibration.em_registration),
                *_shifts(FORCE, specimen.pads, calibration.force_zero),
-               *_touches(baseline, priors.touch), _modulus(baseline, priors.modulus)]
+               *_touches(baseline, calibration.touch), _modulus(baseline, priors.modulus)]
     values = {kind: np.zeros((n, count, 3, len(columns))) for kind, count in counts.items()}
     for j, (_, change) in enumerate(columns):
         for kind, part in change.items():

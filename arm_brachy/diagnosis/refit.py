@@ -15,11 +15,15 @@ Derivatives come from the tangent answers of `responses` at the present model, a
 value being to its present one what a term is to a model without it; where no tangent leads there
 (supports, contact), from differences of full runs. Terms that act on sensors alone ask for no
 tissue solve after the first.
+
+A memory is carried along the motion of the model without the causes (`carried`), at a tenth of
+the cost of stepping. Where the fit has settled, one stepped run says what that leaves out; it is
+added as an offset, and the fit goes on from there, until what the offset may still be off by is
+less than the tolerance.
 Test: diagnosis/forward/test_refit.py
 """
 
-import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -27,17 +31,9 @@ from scipy.linalg import cholesky, solve_triangular
 from arm_brachy.control.reach import bounded_least_squares
 from arm_brachy.core.errors import ConfigError, InputError, MeshError, NotConverged
 from arm_brachy.core.quantity import quantity
-from arm_brachy.core.term import Stage
-from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.forward import STAGES, ForwardModel
 from arm_brachy.diagnosis.freedom import Space, free_space
 from arm_brachy.diagnosis.inference import posterior
-from arm_brachy.diagnosis.observables import Observables
-from arm_brachy.diagnosis.responses import body_change, sensing_change, transmission_change
-from arm_brachy.diagnosis.specimen import Specimen
-from arm_brachy.diagnosis.transmission import Path
-from arm_brachy.registry import TERMS
-from arm_brachy.tissue.contact_pads import touches
+from arm_brachy.diagnosis.recording_fit import RecordingFit
 from arm_brachy.tissue.newton import NewtonOptions
 
 SUFFICIENT = 0.1    # of the promised descent, for a step to be made
@@ -59,25 +55,6 @@ class Options:
                                 high=1.0, source='own choice: a fifth of the standard deviation '
                                                  'of the posterior')
     runs: int = 40      # forward runs of each recording, differences included
-
-
-@dataclass(frozen=True)
-class Data:
-    """One recording, for a fit.
-
-    specimen : specimen.Specimen to run;  encoder : transmission.Path;  t : (n,) [s] states
-    observables : observables.Observables;  U : (N, k) whitened columns of nuisances and mesh
-    terms : that the model has anyway;  offset : kind -> (n, c, 3) to add to every prediction,
-        that of a finer model less that of this one, both without the causes
-    """
-
-    specimen: Specimen
-    encoder: Path
-    t: np.ndarray
-    observables: Observables
-    U: np.ndarray
-    terms: tuple = ()
-    offset: dict = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -125,7 +102,7 @@ def refit(data, hypotheses, amplitudes, *, held=(), start=None, options=None):
                          'be one at least; hold fewer')
     options = options or Options()
     fit = _Fit(data, space, options)
-    now, slope, covariance = fit.minimum(space.joined('start') if start is None else start)
+    now, slope, covariance = fit.settled(space.joined('start') if start is None else start)
     low, high = space.joined('low'), space.joined('high')
     stuck = (now.z <= low) & (slope < 0.0) | (now.z >= high) & (slope > 0.0)
     mean = now.z + np.where(stuck, np.diag(covariance) * slope, 0.0)
@@ -151,20 +128,50 @@ class _Fit:
 
     def __init__(self, data, space, options):
         self.space, self.options, self.columns = space, options, ()
-        sensed = all(term.stage in STAGES.values() for term in space.terms(space.joined('start')))
-        self.recordings = [_Recording(one, sensed) for one in data]
+        terms = space.terms(space.joined('start'))
+        self.recordings = [RecordingFit(one, terms) for one in data]
+
+    def settled(self, start):
+        """Return `minimum`, its predictions those of memories that are stepped.
+
+        An offset is as wrong as the effect has moved since, relative to the whole effect.
+        """
+        found = self.minimum(start)
+        before = self.before
+        while any(one.carries for one in self.recordings):
+            z, old = found[0].z, found[0].residual
+            offset = self.correct(found[0])
+            found = self.minimum(z)
+            moved = sum(np.sum(np.square(columns @ (found[0].z - z))) for columns in self.columns)
+            effect = sum(np.sum(np.square(one.plain - r))
+                         for one, r in zip(self.recordings, old, strict=True))
+            if 0.5 * offset * moved < self.options.tolerance * effect:
+                break
+            self.refuse_endless(0.5 * offset * moved / effect, False)
+        self.before = before
+        return found
+
+    def correct(self, now):
+        """Take what stepping adds at a point as offset; returns its change, squared, over noise.
+
+        Raises NotConverged where a stepped run has no state.
+        """
+        return sum(one.correct(now.terms, shown) for one, shown in zip(
+            self.recordings, now.predicted, strict=True))
 
     def minimum(self, start):
         """Return (_Point, slope (k,) of -F, covariance (k, k) of z) where F is least.
 
+        Derivatives from before serve until they mislead.
         The step that is left counts as one standard deviation more. Raises NotConverged.
         """
-        now, region, fresh = self.at(start), 1.0, True
+        now, region, fresh = self.at(start), 1.0, not self.columns
         self.before = now.cost
         if not np.isfinite(now.cost):
             raise NotConverged('the refit has no prediction at its start; must be a model that '
                                'has all its states; start from fainter effects')
-        self.linearise(now)
+        if fresh:
+            self.linearise(now)
         while True:
             slope, curvature = self.model(now)
             rest, left = self.promise(now, slope, curvature, np.inf)
@@ -243,96 +250,3 @@ class _Fit:
 def _weighted(U, X):
     """C^-1 X by the matrix inversion lemma."""
     return X - U @ posterior(U, X).mean
-
-
-class _Recording:
-    """Predictions of one Data and their derivatives.
-
-    sensed : nothing but sensors changes, so that one Baseline serves for all
-    """
-
-    def __init__(self, data, sensed):
-        self.data, self.runs, self._still = data, 0, None
-        if sensed:
-            self._still = Baseline(self.model(()), data.encoder, data.t)
-
-    def model(self, terms):
-        """The ForwardModel with terms besides the known ones."""
-        self.runs += 1
-        return ForwardModel(self.data.specimen, (*self.data.terms, *terms), options=STATICS)
-
-    def predicted(self, terms):
-        """(ForwardModel, kind -> (n, c, 3)) with terms, None for a state that is not found."""
-        if self._still is not None:
-            return self._still.model, self._offset(self._sensed(terms))
-        model = self.model(terms)
-        found = model.predict(self.data.encoder, self.data.t)
-        if not found.valid.all():
-            return model, None
-        return model, self._offset({kind: found.get(kind) for kind in STAGES})
-
-    def _sensed(self, terms):
-        every = sorted((*self.data.terms, *terms), key=lambda term: TERMS.index(type(term)))
-        nothing = dict.fromkeys(STAGES, 0.0)
-        readings = [self._still.reading(i, nothing, every) for i in range(len(self.data.t))]
-        return {kind: np.stack([one[kind] for one in readings]) for kind in STAGES}
-
-    def _offset(self, shown):
-        return {kind: shown[kind] + self.data.offset.get(kind, 0.0) for kind in STAGES}
-
-    def columns(self, space, now, model):
-        """Return (N, k): change of the prediction over the noise per coordinate at a _Point.
-
-        Central differences, one-sided at a limit. Raises NotConverged where a full run fails.
-        """
-        baseline, changes = None, {}
-        if self._still is None and not touches(model.body).any():
-            self.runs += 1
-            baseline = Baseline(model, self.data.encoder, self.data.t)
-        for number, term in enumerate(now.terms):
-            changes[number] = self._change(baseline, number, term)
-        low, high = space.joined('low'), space.joined('high')
-        out = []
-        for number, step in zip(space.owner, np.diag(space.joined('step')), strict=True):
-            ends = np.maximum(now.z - step, low), np.minimum(now.z + step, high)
-            before, after = (changes[number](space.terms(end)) for end in ends)
-            width = np.sum(ends[1] - ends[0])
-            out.append({kind: (after[kind] - before[kind]) / width for kind in STAGES})
-        return self.data.observables.whiten(
-            {kind: np.stack([one[kind] for one in out], axis=3) for kind in STAGES})
-
-    def _change(self, baseline, number, term):
-        """Function from terms, one of them varied, to the prediction but for a constant."""
-        if baseline is None or not _has_tangent(baseline.model, term):
-            return self._run
-        view, by = _struck(baseline, term), _CHANGES.get(term.stage, sensing_change)
-        return lambda terms: by(view, terms[number])
-
-    def _run(self, terms):
-        found = self.predicted(terms)[1]
-        if found is None:
-            raise NotConverged('no state was found beside one that was, where the derivative by '
-                               'a contact is asked for; hold its place or its size')
-        return found
-
-
-_CHANGES = {Stage.BODY: body_change, Stage.TRANSMISSION: transmission_change}
-
-
-def _has_tangent(model, term):
-    """True if predictions change with a term's values as the tangent of `responses` says."""
-    if term.stage is Stage.BODY:
-        body = term.prepare(model.specimen.body)
-        return not len(body.supports.nodes) and not touches(body).any()
-    return term.stage is not Stage.TRANSMISSION or not model.remembers
-
-
-def _struck(baseline, term):
-    """The Baseline with a term struck from its list, not from its states.
-
-    What `responses` then adds is not a second term but another value of this one.
-    """
-    view = copy.copy(baseline)
-    view.model = copy.copy(baseline.model)
-    view.model.terms = tuple(one for one in baseline.model.terms if one is not term)
-    return view

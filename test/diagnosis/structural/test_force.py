@@ -31,10 +31,21 @@ def test_a_drift_is_found_and_shared_by_no_other_pad(record):
 
 def test_a_wrong_zero_is_found(record):
     run, scene = record({'name': 'force_drift', 'rate_N_min': [0, 0, 0],
-                         'bias_N': [0.3, 0.0, 0.0], 'pads': ['pad_2']})
+                         'bias_N': [1.5, 0.0, 0.0], 'pads': ['pad_2']})
     found, = force_findings(prepare(evidence_of(run, scene)))
     assert (found.parameter, found.channel) == ('bias', 'pad_2')
-    assert found.value == pytest.approx([0.3, 0.0, 0.0], abs=0.03)
+    assert found.value == pytest.approx([1.5, 0.0, 0.0], abs=0.03)
+
+
+def test_a_pad_that_touches_too_early_is_no_wrong_zero(record):
+    """It presses at rest already, by more than sensors' zeros would explain (4.7 of them)."""
+    run, scene = record({'name': 'actuator_gain', 'gain': 0.0, 'offset_mm': 0.75,
+                         'actuators': [1]})
+    prepared = prepare(evidence_of(run, scene))
+    force = prepared.evidence.get('force')
+    at_rest = np.abs(np.nanmean(force.values[force.t < 0.5, 1], axis=0)).max()
+    assert at_rest > 4.7 * prepared.calibration.force_zero
+    assert force_findings(prepared) == ()
 
 
 @pytest.mark.parametrize('relaxing', [0.0, 0.5])

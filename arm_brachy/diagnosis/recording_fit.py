@@ -1,0 +1,179 @@
+"""One recording in a full fit: its predictions at any values of the terms, and their derivatives.
+
+Test: diagnosis/forward/test_refit.py
+"""
+
+import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from arm_brachy.core.errors import NotConverged
+from arm_brachy.core.term import Stage
+from arm_brachy.diagnosis.baseline import Baseline
+from arm_brachy.diagnosis.carried import Past
+from arm_brachy.diagnosis.forward import STAGES, ForwardModel
+from arm_brachy.diagnosis.observables import Observables
+from arm_brachy.diagnosis.responses import body_change, sensing_change, transmission_change
+from arm_brachy.diagnosis.specimen import Specimen
+from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.registry import TERMS
+from arm_brachy.tissue.contact_pads import touches
+from arm_brachy.tissue.newton import NewtonOptions
+
+STATICS = NewtonOptions(tolerance=1e-8)     # m: a hundredth of what any tracker averages to
+
+
+@dataclass(frozen=True)
+class Data:
+    """One recording, for a fit.
+
+    specimen : specimen.Specimen to run;  encoder : transmission.Path;  t : (n,) [s] states
+    observables : observables.Observables;  U : (N, k) whitened columns of nuisances and mesh
+    terms : that the model has anyway;  offset : kind -> (n, c, 3) to add to every prediction,
+        that of a finer model less that of this one, both without the causes
+    """
+
+    specimen: Specimen
+    encoder: Path
+    t: np.ndarray
+    observables: Observables
+    U: np.ndarray
+    terms: tuple = ()
+    offset: dict = field(default_factory=dict)
+
+
+class RecordingFit:
+    """Predictions of one Data and their derivatives.
+
+    terms : what is to be fitted, at any values: those that act on sensors alone share one
+        Baseline, those with memory the motion without them (unless pads touch)
+    runs : forward runs made;  carries : True if memories follow that motion
+    plain : (N,) residual without the terms, None unless `carries`
+    """
+
+    def __init__(self, data, terms):
+        self.data, self.runs, self.plain = data, 0, None
+        self._added, self._still, self._past = dict(data.offset), None, None
+        if all(term.stage in STAGES.values() for term in terms):
+            self._still = Baseline(self.model(()), data.encoder, data.t)
+            return
+        whole = self.model(terms)
+        if whole.remembers and not touches(whole.body).any():
+            self._carry(self.model(()))
+
+    @property
+    def carries(self):
+        """True if memories are carried along the motion without the terms."""
+        return self._past is not None
+
+    def _carry(self, model):
+        data = self.data
+        states = model.trajectory(model.pad_path(data.encoder, data.t), data.t, kinks=True)
+        shown = model.predict(data.encoder, data.t)
+        if not (states.valid.all() and shown.valid.all()):
+            raise NotConverged('the model without the causes has no state along which their '
+                               'memory could be carried; start from a scene that can be pushed so')
+        self._past = Past(states, model.body.mesh.nodes)
+        self.plain = data.observables.residual({kind: shown.get(kind) for kind in STAGES})
+
+    def model(self, terms, *, carried=True):
+        """The ForwardModel with terms besides the known ones, memories carried or stepped."""
+        self.runs += 1
+        return ForwardModel(self.data.specimen, (*self.data.terms, *terms), options=STATICS,
+                            past=self._past if carried else None)
+
+    def predicted(self, terms):
+        """(ForwardModel, kind -> (n, c, 3)) with terms, None for a state that is not found."""
+        if self._still is not None:
+            return self._still.model, self._offset(self._sensed(terms))
+        model = self.model(terms)
+        found = self._run(model)
+        return model, None if found is None else self._offset(found)
+
+    def correct(self, terms, shown):
+        """Step all memories: from now on that is added to which `shown` with terms lacks.
+
+        shown : as `predicted`. Returns the change of the residual, squared. Raises NotConverged
+        where a stepped run has no state.
+        """
+        if not self.carries:
+            return 0.0
+        stepped = self._run(self.model(terms, carried=False))
+        if stepped is None:
+            raise NotConverged('the model, stepped from the start of the recording, has a state '
+                               'that is not found; start from fainter effects')
+        for kind in STAGES:
+            self._added[kind] = self._added.get(kind, 0.0) + stepped[kind] - shown[kind]
+        residual = self.data.observables.residual
+        return float(np.sum(np.square(residual(stepped) - residual(shown))))
+
+    def _run(self, model):
+        found = model.predict(self.data.encoder, self.data.t)
+        return {kind: found.get(kind) for kind in STAGES} if found.valid.all() else None
+
+    def _sensed(self, terms):
+        every = sorted((*self.data.terms, *terms), key=lambda term: TERMS.index(type(term)))
+        nothing = dict.fromkeys(STAGES, 0.0)
+        readings = [self._still.reading(i, nothing, every) for i in range(len(self.data.t))]
+        return {kind: np.stack([one[kind] for one in readings]) for kind in STAGES}
+
+    def _offset(self, shown):
+        return {kind: shown[kind] + self._added.get(kind, 0.0) for kind in STAGES}
+
+    def columns(self, space, now, model):
+        """Return (N, k): change of the prediction over the noise per coordinate at a _Point.
+
+        Central differences, one-sided at a limit. Raises NotConverged where a full run fails.
+        """
+        baseline, changes = None, {}
+        if self._still is None and not touches(model.body).any():
+            self.runs += 1
+            baseline = Baseline(model, self.data.encoder, self.data.t)
+        for number, term in enumerate(now.terms):
+            changes[number] = self._change(baseline, number, term)
+        low, high = space.joined('low'), space.joined('high')
+        out = []
+        for number, step in zip(space.owner, np.diag(space.joined('step')), strict=True):
+            ends = np.maximum(now.z - step, low), np.minimum(now.z + step, high)
+            before, after = (changes[number](space.terms(end)) for end in ends)
+            width = np.sum(ends[1] - ends[0])
+            out.append({kind: (after[kind] - before[kind]) / width for kind in STAGES})
+        return self.data.observables.whiten(
+            {kind: np.stack([one[kind] for one in out], axis=3) for kind in STAGES})
+
+    def _change(self, baseline, number, term):
+        """Function from terms, one of them varied, to the prediction but for a constant."""
+        if baseline is None or not _has_tangent(baseline.model, term):
+            return self._varied
+        view, by = _struck(baseline, term), _CHANGES.get(term.stage, sensing_change)
+        return lambda terms: by(view, terms[number])
+
+    def _varied(self, terms):
+        found = self.predicted(terms)[1]
+        if found is None:
+            raise NotConverged('no state was found beside one that was, where the derivative by '
+                               'a contact is asked for; hold its place or its size')
+        return found
+
+
+_CHANGES = {Stage.BODY: body_change, Stage.TRANSMISSION: transmission_change}
+
+
+def _has_tangent(model, term):
+    """True if predictions change with a term's values as the tangent of `responses` says."""
+    if term.stage is Stage.BODY:
+        body = term.prepare(model.specimen.body)
+        return not len(body.supports.nodes) and not touches(body).any()
+    return term.stage is not Stage.TRANSMISSION or not model.remembers
+
+
+def _struck(baseline, term):
+    """The Baseline with a term struck from its list, not from its states.
+
+    What `responses` then adds is not a second term but another value of this one.
+    """
+    view = copy.copy(baseline)
+    view.model = copy.copy(baseline.model)
+    view.model.terms = tuple(one for one in baseline.model.terms if one is not term)
+    return view
