@@ -11,7 +11,8 @@ from arm_brachy.core.scene import load_scene, with_mesh
 from arm_brachy.experiments import make_scenes
 from arm_brachy.tissue import mesh as tet_mesh
 from arm_brachy.tissue import meshing
-from arm_brachy.tissue.build import build_body, marker_points, target_points
+from arm_brachy.tissue.build import build_body, build_pad, marker_points, target_points
+from arm_brachy.tissue.outlines import crossing
 from arm_brachy.tissue.surface import read_surface
 
 FOLDER = make_scenes.SCENES
@@ -67,6 +68,20 @@ def test_pads_markers_and_targets_meet_every_mesh(scene, mesh):
     inside = tet_mesh.embed(body.mesh, points, names=names)
     assert inside.weights.min() >= 0.0
     assert body.mesh.nodes[body.fixed, 2].max() < 1e-3
+
+
+@pytest.mark.parametrize(('scene', 'mesh'), [
+    ('breast', 'breast_rims'), ('breast', 'breast_plant'), ('breast_3pads', 'breast_3pads')])
+def test_pads_cover_their_discs(scene, mesh):
+    """To what a polygon of 14 sides inscribed in the circle leaves; no edge crosses a rim."""
+    mesh = tet_mesh.load_mesh(FOLDER / f'breast/{mesh}.msh')
+    faces = tet_mesh.boundary_faces(mesh)
+    for pad in load_scene(FOLDER / f'{scene}.yaml').pads:
+        assert not len(crossing(mesh, pad))
+        corners = mesh.nodes[faces[np.isin(faces, build_pad(mesh, pad).nodes).all(axis=1)]]
+        area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        polygon = 7.0 * np.sin(np.pi / 7.0) * pad.radius ** 2
+        assert polygon < -area.sum(axis=0) @ pad.direction < np.pi * pad.radius ** 2
 
 
 def test_plant_and_model_share_no_free_node():

@@ -29,7 +29,7 @@ from arm_brachy.core.scene import (
 from arm_brachy.tissue import meshing
 from arm_brachy.tissue.body import TetMesh
 from arm_brachy.tissue.box import box_mesh
-from arm_brachy.tissue.rims import mesh_with_discs
+from arm_brachy.tissue.disc_meshing import mesh_with_discs
 
 SCENES = Path(__file__).resolve().parents[2] / 'config' / 'scenes'
 STANDARD_GRAVITY = 9.81  # m/s^2, as in the beam's published protocol
@@ -96,9 +96,9 @@ MARKER_STANDOFF = 0.012  # optical marker on the rod, behind the pad's plate
 # Five targets in the pad plane inside a circle of 22 mm (layout after thesis Fig. 3.5) [mm].
 TARGETS_MM = ((0, 0), (15, 7), (-9, 15), (-14, -10), (8, -17))
 # Rings of tissue markers between the pads of both scenes: height [mm], azimuths [deg]; 18 and the
-# apex make 19.
-MARKER_RINGS = ((14, (20, 45, 70, 110, 135, 160, 240, 300)), (30, (45, 135, 240, 300)),
-                (44, (20, 50, 110, 150, 240, 300)))
+# apex make 19. At least 6 mm from every rim: nearer, meshes differ by a tenth of the push.
+MARKER_RINGS = ((14, (25, 45, 65, 115, 135, 155, 240, 300)), (30, (45, 135, 240, 300)),
+                (44, (30, 55, 120, 150, 240, 300)))
 BASE_MARKERS_MM = ((82, 60, 0), (-82, 60, 0), (-82, -60, 0))
 
 

@@ -138,7 +138,7 @@ def grade(mesh, size, *, patches=(), surface=None):
         for patch, edges in zip(patches, outlines, strict=True):
             on = [first + k for k, ends in enumerate(parents) if edges.take(first + k, ends)]
             nodes[on] = at_radius(nodes[on], patch)
-        mesh = _moved(mesh, nodes)
+        mesh = moved(mesh, nodes)
     raise MeshError(f'after {MOST_ROUNDS} rounds of bisection {large.sum()} elements are still '
                     'larger than wished; raise the wished size')
 
@@ -157,15 +157,15 @@ def near_rims(mesh, patches, edge_length, *, growth=1.0, largest=np.inf):
     return size
 
 
-def _moved(mesh, nodes):
-    """The mesh with its nodes at `nodes` (n, 3), but for those that would flatten an element."""
+def moved(mesh, nodes):
+    """Return the mesh with nodes at `nodes` (n, 3) but for those that would flatten an element."""
     target = nodes.copy()
     while True:
-        moved = replace(mesh, nodes=target)
+        new = replace(mesh, nodes=target)
         mine = (target != mesh.nodes).any(axis=1)
-        bad = (mean_ratio(moved) < STAY) & mine[mesh.tets].any(axis=1)
+        bad = (mean_ratio(new) < STAY) & mine[mesh.tets].any(axis=1)
         if not bad.any():
-            return moved
+            return new
         back = np.unique(mesh.tets[bad])
         target[back] = mesh.nodes[back]
 
@@ -176,11 +176,12 @@ def _onto_surface(mesh, first, surface):
     if surface is not None:
         outer = np.unique(boundary_faces(mesh))
         outer = outer[outer >= first]
-        nodes[outer] = _nearest(surface, nodes[outer])
+        nodes[outer] = nearest_on(surface, nodes[outer])
     return nodes
 
 
-def _nearest(surface, points):
+def nearest_on(surface, points):
+    """Return the points (k, 3) of a trimesh.Trimesh nearest to points (k, 3)."""
     if not len(points):
         return points
     return igl.point_mesh_squared_distance(

@@ -9,12 +9,14 @@ from arm_brachy.core.scene import PadPatch
 from arm_brachy.tissue.body import TetMesh
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.build import build_pad
+from arm_brachy.tissue.disc_meshing import mesh_with_discs
 from arm_brachy.tissue.element import EDGES
 from arm_brachy.tissue.mesh import boundary_faces, quadratic_mesh, volumes
 from arm_brachy.tissue.mesh_check import check_mesh
 from arm_brachy.tissue.meshing import dihedral_angles, mean_ratio
+from arm_brachy.tissue.outlines import crossing, follow_rims
 from arm_brachy.tissue.refinement import grade, near_rims, refine
-from arm_brachy.tissue.rims import fit_rim, mesh_with_discs, outline, rim
+from arm_brachy.tissue.rims import fit_rim, outline, rim
 
 L = 0.04
 TOP = PadPatch('top', centre=(L / 2, L / 2, L), direction=(0.0, 0.0, -1.0), radius=0.012)
@@ -142,6 +144,21 @@ def polygon_area(mesh, edges):
     """Area of the star-shaped polygon of `edges` around the z axis, by its triangles."""
     a, b = mesh.nodes[edges[:, 0]], mesh.nodes[edges[:, 1]]
     return 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
+
+
+def test_a_mesh_without_rims_gets_them(box):
+    """Closed, on the circle, under all of the disc; the box stays the box."""
+    surface = trimesh.creation.box(bounds=[[0.0, 0.0, 0.0], [L, L, L]])
+    assert len(crossing(box, TOP))
+    mesh = follow_rims(box, (TOP,), surface)
+    check_mesh(mesh, 'followed')
+    assert not len(crossing(mesh, TOP))
+    edges = outline(mesh, TOP)
+    assert np.all(np.unique(edges, return_counts=True)[1] == 2)
+    centred = TetMesh(mesh.nodes - TOP.centre, mesh.tets)
+    assert pad_area(mesh, TOP) == pytest.approx(polygon_area(centred, edges), rel=1e-9)
+    assert volumes(mesh).sum() == pytest.approx(L ** 3, rel=1e-12)
+    assert mean_ratio(mesh).min() > 0.5 * mean_ratio(box).min()
 
 
 def test_grading_brings_rim_and_surface_nearer(ball):

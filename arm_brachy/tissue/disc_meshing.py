@@ -1,0 +1,87 @@
+"""Meshes of bodies with the rims of disc-shaped pads among their edges.
+
+Test: test_refinement.py
+"""
+
+import contextlib
+import tempfile
+
+import igl
+import numpy as np
+import pytetwild
+import trimesh
+
+from arm_brachy.core.errors import MeshError
+from arm_brachy.tissue.body import TetMesh
+from arm_brachy.tissue.element import signed_volumes
+from arm_brachy.tissue.outlines import follow_rims
+from arm_brachy.tissue.rims import FlatElement, fit_rim, frame, not_flat
+from arm_brachy.tissue.surface import read_surface
+
+PLUG_SIDES = 48      # of the prism that stands for a disc's cylinder while meshing
+ATTEMPTS = 4         # of the mesher; one in ten has been seen to fail
+
+
+def mesh_with_discs(source, patches, *, edge_length, envelope, depth, unit='mm'):
+    """Fill a closed surface with tetrahedra whose surface has the discs' rims among its edges.
+
+    source, unit : see `surface.read_surface`;  patches : core.scene.PadPatch
+    edge_length : wished for inside [m]; near the rims elements come out smaller, of `depth`
+    envelope : how far the mesh may leave surface and rims [m]; how many nodes a rim gets follows
+        from it: 360 deg / acos(1 - envelope / radius), roughly
+    depth : [m] how far the cylinder of a disc is followed into the body
+    Returns TetMesh in metres, rim nodes exactly on the cylinder and on the surface, outlines
+    closed.
+    The mesher gets the body and, standing in it, a prism for each disc; what it makes outside the
+    body is dropped. It is not deterministic (see `meshing`): keep the mesh, do not remake it. For
+    the same reason it is asked again, ATTEMPTS times in all, if rim nodes crush an element.
+    Raises MeshError for a bad surface, or if an element is still flatter than FLATTEST.
+    """
+    for _ in range(ATTEMPTS - 1):
+        with contextlib.suppress(FlatElement):
+            return _with_discs(source, patches, edge_length, envelope, depth, unit)
+    return _with_discs(source, patches, edge_length, envelope, depth, unit)
+
+
+def _with_discs(source, patches, edge_length, envelope, depth, unit):
+    """One attempt of `mesh_with_discs`."""
+    surface, _ = read_surface(source, unit=unit)
+    parts = [surface, *(_plug(patch, depth) for patch in patches)]
+    together = trimesh.util.concatenate(parts)
+    diagonal = np.linalg.norm(together.extents)
+    try:
+        # The mesher leaves a file of its own in the working directory, so it gets one to itself.
+        with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+            nodes, tets = pytetwild.tetrahedralize(
+                np.ascontiguousarray(together.vertices),
+                np.ascontiguousarray(together.faces, np.int32),
+                edge_length_abs=float(edge_length), epsilon=float(envelope / diagonal),
+                num_threads=1, quiet=True)
+    except RuntimeError as error:
+        raise MeshError(f'the mesher gave up: {error}; try another edge length') from None
+    mesh = _inside(surface, np.asarray(nodes, float), np.asarray(tets, np.int64))
+    for patch in patches:
+        mesh = fit_rim(mesh, patch, reach=1.5 * envelope)
+    return not_flat(follow_rims(mesh, patches, surface))
+
+
+def _plug(patch, depth):
+    """The prism around a disc's axis, from `depth` outside the surface to `depth` inside."""
+    centre, direction, across = frame(patch)
+    prism = trimesh.creation.cylinder(patch.radius, 2.0 * depth, sections=PLUG_SIDES)
+    place = np.eye(4)
+    place[:3, :3] = np.column_stack([*across, direction])
+    place[:3, 3] = centre
+    return prism.apply_transform(place)
+
+
+def _inside(surface, nodes, tets):
+    """The elements with their centre inside a closed surface, positive, without unused nodes."""
+    winding = igl.fast_winding_number(np.ascontiguousarray(surface.vertices),
+                                      np.ascontiguousarray(surface.faces, np.int64),
+                                      nodes[tets].mean(axis=1))
+    tets = tets[winding > 0.5]
+    inverted = signed_volumes(nodes, tets) < 0.0
+    tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
+    used, tets = np.unique(tets, return_inverse=True)
+    return TetMesh(nodes[used], tets.reshape(-1, 4))
