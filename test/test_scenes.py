@@ -73,14 +73,14 @@ def test_pads_markers_and_targets_meet_every_mesh(scene, mesh):
 @pytest.mark.parametrize(('scene', 'mesh'), [
     ('breast', 'breast_rims'), ('breast', 'breast_plant'), ('breast_3pads', 'breast_3pads')])
 def test_pads_cover_their_discs(scene, mesh):
-    """To what a polygon of 14 sides inscribed in the circle leaves; no edge crosses a rim."""
+    """To what a polygon of 12 sides inscribed in the circle leaves; no edge crosses a rim."""
     mesh = tet_mesh.load_mesh(FOLDER / f'breast/{mesh}.msh')
     faces = tet_mesh.boundary_faces(mesh)
     for pad in load_scene(FOLDER / f'{scene}.yaml').pads:
         assert not len(crossing(mesh, pad))
         corners = mesh.nodes[faces[np.isin(faces, build_pad(mesh, pad).nodes).all(axis=1)]]
         area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        polygon = 7.0 * np.sin(np.pi / 7.0) * pad.radius ** 2
+        polygon = 6.0 * np.sin(np.pi / 6.0) * pad.radius ** 2
         assert polygon < -area.sum(axis=0) @ pad.direction < np.pi * pad.radius ** 2
 
 
