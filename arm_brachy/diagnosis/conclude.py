@@ -86,13 +86,12 @@ def alternatives_of(assembly, decision, named=()):
 
     named : terms that were not lost
     """
-    out = []
-    for one in decision.ranked:
-        if set(one.causes) & set(named):
-            continue
-        size = max(detectability(assembly.problem.U, column)
-                   for e in one.explanations for column in e.columns.T)
-        out.append(Alternative(one.causes, one.held_out, bool(size >= VISIBLE)))
+    lost = [one for one in decision.ranked if not set(one.causes) & set(named)]
+    parts = [np.hstack([e.columns for e in one.explanations]) for one in lost]
+    sizes = np.split(detectability(assembly.problem.U, np.hstack(parts)),
+                     np.cumsum([part.shape[1] for part in parts])[:-1]) if lost else ()
+    out = [Alternative(one.causes, one.held_out, bool(size.max() >= VISIBLE))
+           for one, size in zip(lost, sizes, strict=True)]
     out.sort(key=lambda a: (not a.visible, -a.held_out))
     untried = [Alternative((term,), 0.0, False, f'not tried: {why}')
                for term, why in assembly.tried.left_out.items()

@@ -8,7 +8,6 @@ from arm_brachy.diagnosis.noise import data_sheet_sd
 from arm_brachy.diagnosis.regression import regress
 from arm_brachy.diagnosis.stream import FORCE
 
-GAIN = 0.02      # of a force sensor or of the balance: what a calibration leaves
 FEWEST = 100     # samples
 
 
@@ -50,11 +49,11 @@ def _coefficients(base, axis, columns, valid, prepared):
 
 def _judged(prepared, names, ratio, error):
     """Findings from the coefficients (k,): true over apparent force, times the balance's scale."""
-    usual = float(np.median(ratio))
+    usual, slack = float(np.median(ratio)), np.sqrt(2.0) * prepared.calibration.force_gain
     out = []
     for name, one, sd in zip(names, ratio, error, strict=True):
         gain, sd = usual / one - 1.0, usual * sd / one ** 2
-        z = sigma(gain, sd, GAIN)
+        z = sigma(gain, sd, slack)
         if z > threshold(len(names)):
             out.append(Finding(
                 FORCE, name, 'force_gain', 'gain', float(gain), '1', float(sd), z,

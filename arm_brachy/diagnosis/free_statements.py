@@ -131,6 +131,6 @@ def alternatives(problem, decision, answers, dropped):
         if set(one.causes) & taken:
             continue
         columns = np.hstack([e.columns for e in one.explanations])
-        most = max(detectability(problem.U, column) for column in columns.T)
+        most = detectability(problem.U, columns).max()
         out.append(Alternative(one.causes, one.held_out, visible=bool(most >= SEEN)))
     return (*out, *dropped)

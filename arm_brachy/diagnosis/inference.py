@@ -63,8 +63,9 @@ def separation(power, cross, own):
     return float(np.sqrt(max(power - shared, 0.0)))
 
 
-def detectability(U, effect):
-    """Return the size of an effect (n,) beside everything else, U (n, k) [sd of noise]."""
+def detectability(U, effects):
+    """Return sizes (m,) of effects (n, m) beside everything else, U (n, k) [sd of noise]."""
     factor = cholesky(np.eye(U.shape[1]) + U.T @ U, lower=True)
-    seen = solve_triangular(factor, U.T @ effect, lower=True)
-    return float(np.sqrt(max(effect @ effect - seen @ seen, 0.0)))
+    seen = solve_triangular(factor, U.T @ effects, lower=True)
+    power = np.einsum('nm,nm->m', effects, effects) - np.einsum('km,km->m', seen, seen)
+    return np.sqrt(np.maximum(power, 0.0))

@@ -41,8 +41,8 @@ def nuisances(baseline, calibration=None, priors=None):
     """Return the Nuisances of a baseline.Baseline.
 
     calibration : finding.Calibration;  priors : Priors; None = defaults
-    Registration 6, placement 3 per marker off the base, EM offset 3 per tool, force zero 3 per
-    pad, touch offset 1 per pad, modulus 1. The linear answers hold for small ones.
+    Registration 6, placement 3 per marker off the base, EM offset 3 per tool, force zero 3 and
+    scale 1 per pad, touch offset 1 per pad, modulus 1. The linear answers hold for small ones.
     """
     calibration, priors = calibration or Calibration(), priors or Priors()
     specimen, n = baseline.model.specimen, len(baseline.t)
@@ -51,6 +51,7 @@ def nuisances(baseline, calibration=None, priors=None):
                *_shifts(OPTICAL, specimen.markers, calibration.placement),
                *_shifts(EM, specimen.tools, calibration.em_registration),
                *_shifts(FORCE, specimen.pads, calibration.force_zero),
+               *_gains(baseline, calibration.force_gain),
                *_touches(baseline, calibration.touch), _modulus(baseline, priors.modulus)]
     values = {kind: np.zeros((n, count, 3, len(columns))) for kind, count in counts.items()}
     for j, (_, change) in enumerate(columns):
@@ -79,6 +80,13 @@ def _shifts(kind, names, sd):
             shift = np.zeros((len(names), 3))
             shift[c, i] = sd
             yield f'{kind}_{name}_{axis}', {kind: shift}
+
+
+def _gains(baseline, sd):
+    for c, name in enumerate(baseline.model.specimen.pads):
+        scaled = np.zeros_like(baseline.shown[FORCE])
+        scaled[:, c] = sd * baseline.shown[FORCE][:, c]
+        yield f'gain_{name}', {FORCE: scaled}
 
 
 def _touches(baseline, sd):

@@ -55,6 +55,7 @@ class RecordingFit:
     def __init__(self, data, terms):
         self.data, self.runs, self.plain = data, 0, None
         self._added, self._still, self._past = dict(data.offset), None, None
+        self._last = None   # equilibria of the model before, from which those of the next begin
         if all(term.stage in STAGES.values() for term in terms):
             self._still = Baseline(self.model(()), data.encoder, data.t)
             return
@@ -80,8 +81,13 @@ class RecordingFit:
     def model(self, terms, *, carried=True):
         """The ForwardModel with terms besides the known ones, memories carried or stepped."""
         self.runs += 1
-        return ForwardModel(self.data.specimen, (*self.data.terms, *terms), options=STATICS,
-                            past=self._past if carried else None)
+        model = ForwardModel(self.data.specimen, (*self.data.terms, *terms), options=STATICS,
+                             past=self._past if carried else None)
+        if model.equilibria is not None:
+            if self._last is not None:
+                model.equilibria.begin_from(self._last)
+            self._last = model.equilibria
+        return model
 
     def predicted(self, terms):
         """(ForwardModel, kind -> (n, c, 3)) with terms, None for a state that is not found."""

@@ -80,6 +80,11 @@ class Equilibria:
         self.body, self.solver = body, StaticSolver(body, options=options)
         self._pads, self._x = np.zeros((1, 3 * len(body.pads))), [body.mesh.nodes]
 
+    def begin_from(self, other):
+        """Begin from the states that another Equilibria of a mesh alike has found."""
+        shift = self.body.mesh.nodes - other.body.mesh.nodes
+        self._pads, self._x = other._pads.copy(), [x + shift for x in other._x]
+
     def trajectory(self, t, pads, passing=None):
         """Return the Trajectory at t (m,) [s] with the pads at `pads` (m, p, 3) [m].
 
@@ -106,8 +111,11 @@ class Equilibria:
         near = int(np.abs(self._pads - pads.ravel()).max(axis=1).argmin())
         solution = self.solver.follow(self._x[near], self.solver.held_positions(pads))
         if solution.outcome.ok:
-            self._pads = np.vstack([self._pads, pads.ravel()])
-            self._x.append(solution.x)
+            if np.array_equal(self._pads[near], pads.ravel()):
+                self._x[near] = solution.x
+            else:
+                self._pads = np.vstack([self._pads, pads.ravel()])
+                self._x.append(solution.x)
         return solution
 
 

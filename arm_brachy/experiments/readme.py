@@ -11,6 +11,7 @@ import numpy as np
 
 from arm_brachy import graph, registry
 from arm_brachy.core.paths import share_dir
+from arm_brachy.experiments import diagnosis_totals
 
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
 
@@ -107,6 +108,13 @@ def _solvers(results):
     return '\n'.join(lines)
 
 
+def _diagnosis(results):
+    name = diagnosis_totals.NAME
+    if not (results / f'{name}.json').is_file():
+        return f'Not measured yet: there is no results/{name}.json.'
+    return diagnosis_totals.markdown(_load(results, name))
+
+
 def _number(value, form):
     return '-' if value is None else f'{value:{form}}'
 
@@ -120,7 +128,8 @@ def _mean(rows, key):
     return float(np.mean([r[key] for r in rows]))
 
 
-BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers}
+BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers,
+            'diagnosis': _diagnosis}
 
 
 def main():

@@ -18,6 +18,7 @@ from arm_brachy.tissue.refinement import moved, nearest_on
 from arm_brachy.tissue.rims import ON_RIM, at_radius, onto, radii, refuse_quadratic
 
 SOUND = 0.3         # mean ratio that no element about a node that moves onto a rim may fall below
+SHARP = np.radians(45.0)    # between faces: edges that are part of the shape
 MOST_EDGES = 400    # that one disc can have across its rim
 
 
@@ -26,9 +27,9 @@ def follow_rims(mesh, patches, surface):
 
     mesh : TetMesh of linear elements;  patches : core.scene.PadPatch
     surface : trimesh.Trimesh [m] that it was made of, outward normals
-    Nodes on rims lie on cylinder and surface; others go to the nearest point of the surface unless
-    that would make an element flatter than `refinement.STAY`. Raises MeshError if an outline does
-    not close.
+    Nodes on rims lie on cylinder and surface; those on sharp edges go to the nearest sharp edge of
+    the surface, others to its nearest point, unless that would make an element flatter than
+    `refinement.STAY`. Raises MeshError if an outline does not close.
     """
     refuse_quadratic(mesh)
     fixed = np.zeros(0, dtype=np.int64)
@@ -36,9 +37,36 @@ def follow_rims(mesh, patches, surface):
         mesh = _closed(mesh, patch, surface, fixed)
         fixed = np.union1d(fixed, _on_rim(mesh, patch))
     outer = np.setdiff1d(np.unique(boundary_faces(mesh)), fixed)
-    nodes = mesh.nodes.copy()
+    nodes, sharp = mesh.nodes.copy(), np.intersect1d(outer, sharp_edges(mesh))
     nodes[outer] = nearest_on(surface, nodes[outer])
+    nodes[sharp] = _nearest_edge(surface, mesh.nodes[sharp])
     return moved(mesh, nodes)
+
+
+def sharp_edges(mesh):
+    """Return the surface edges (e, 2) at which faces meet at more than SHARP."""
+    faces = boundary_faces(mesh)
+    corners = mesh.nodes[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    edges = np.sort(faces[:, FACE_EDGES].reshape(-1, 2), axis=1)
+    order = np.lexsort(edges.T)
+    sides = np.repeat(np.arange(len(faces)), 3)[order].reshape(-1, 2)
+    turn = np.sum(normal[sides[:, 0]] * normal[sides[:, 1]], axis=1)
+    return edges[order][::2][turn < np.cos(SHARP)]
+
+
+def _nearest_edge(surface, points):
+    """The points (k, 3) on sharp edges of a trimesh.Trimesh nearest to points (k, 3)."""
+    edges = surface.face_adjacency_edges[surface.face_adjacency_angles > SHARP]
+    if not len(edges):
+        return points
+    a, b = surface.vertices[edges[:, 0]], surface.vertices[edges[:, 1]]
+    along = b - a
+    share = np.einsum('kei,ei->ke', points[:, None] - a, along) / np.sum(along**2, axis=1)
+    there = a + np.clip(share, 0.0, 1.0)[..., None] * along
+    nearest = np.linalg.norm(there - points[:, None], axis=2).argmin(axis=1)
+    return there[np.arange(len(points)), nearest]
 
 
 def crossing(mesh, patch):

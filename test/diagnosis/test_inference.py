@@ -104,4 +104,5 @@ def test_separation_is_what_the_best_fitted_rival_leaves(rng):
 
     assert apart(effect) == pytest.approx(left, rel=1e-9)
     assert apart(rival @ [1.0, -2.0]) == pytest.approx(0.0, abs=1e-6)
-    assert detectability(U, effect) == pytest.approx(np.linalg.norm(weight @ effect), rel=1e-9)
+    sizes = detectability(U, np.stack([effect, 2.0 * effect], axis=1))
+    assert sizes == pytest.approx(np.linalg.norm(weight @ effect) * np.array([1, 2]), rel=1e-9)

@@ -7,6 +7,7 @@ from arm_brachy.cell import pad_directions
 from arm_brachy.core.errors import InputError
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.evidence import Evidence
+from arm_brachy.diagnosis.finding import Calibration
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.nuisances import Priors, nuisances
 from arm_brachy.diagnosis.observables import Measured, Observables, channels_of, measured
@@ -78,8 +79,7 @@ def baseline(linear, encoder):
 
 
 def test_touch_offsets_are_those_of_encoders_that_begin_elsewhere(baseline, encoder):
-    priors = Priors(touch=2e-5)
-    found = nuisances(baseline, priors=priors)
+    found = nuisances(baseline, Calibration(touch=2e-5))
     column = found.names.index('touch_pad_2')
     shifted = Path(encoder.t, encoder.q + 2e-5 * np.array([0.0, 1.0, 0.0, 0.0]))
     new = baseline.model.predict(shifted, STATES)
@@ -100,7 +100,7 @@ def test_without_weight_the_modulus_scales_forces_and_moves_nothing(baseline):
 def test_frames_turn_rigidly_and_nuisances_are_complete(baseline, linear):
     found = nuisances(baseline)
     markers, tools, pads = (len(names) for names in channels_of(linear).values())
-    assert len(found.names) == 6 + 3 * markers + 3 * tools + 3 * pads + pads + 1
+    assert len(found.names) == 6 + 3 * markers + 3 * tools + 3 * pads + 2 * pads + 1
     turn = found.values['optical'][..., found.names.index('frame_turn_z')]
     points = baseline.shown['optical']
     apart = points[:, :, None] - points[:, None]
