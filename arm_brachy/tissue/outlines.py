@@ -17,7 +17,7 @@ from arm_brachy.tissue.meshing import mean_ratio
 from arm_brachy.tissue.refinement import moved, nearest_on
 from arm_brachy.tissue.rims import ON_RIM, at_radius, onto, radii, refuse_quadratic
 
-SOUND = 0.3         # mean ratio that no element about a node that moves onto a rim may fall below
+SOUND = 0.35        # mean ratio that no element about a node that moves may fall below
 SHARP = np.radians(45.0)    # between faces: edges that are part of the shape
 MOST_EDGES = 400    # that one disc can have across its rim
 
@@ -28,8 +28,8 @@ def follow_rims(mesh, patches, surface):
     mesh : TetMesh of linear elements;  patches : core.scene.PadPatch
     surface : trimesh.Trimesh [m] that it was made of, outward normals
     Nodes on rims lie on cylinder and surface; those on sharp edges go to the nearest sharp edge of
-    the surface, others to its nearest point, unless that would make an element flatter than
-    `refinement.STAY`. Raises MeshError if an outline does not close.
+    the surface, others to its nearest point, unless that would make an element flatter than SOUND.
+    Raises MeshError if an outline does not close.
     """
     refuse_quadratic(mesh)
     fixed = np.zeros(0, dtype=np.int64)
@@ -40,7 +40,7 @@ def follow_rims(mesh, patches, surface):
     nodes, sharp = mesh.nodes.copy(), np.intersect1d(outer, sharp_edges(mesh))
     nodes[outer] = nearest_on(surface, nodes[outer])
     nodes[sharp] = _nearest_edge(surface, mesh.nodes[sharp])
-    return moved(mesh, nodes)
+    return moved(mesh, nodes, SOUND)
 
 
 def sharp_edges(mesh):

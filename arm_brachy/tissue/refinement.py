@@ -157,13 +157,16 @@ def near_rims(mesh, patches, edge_length, *, growth=1.0, largest=np.inf):
     return size
 
 
-def moved(mesh, nodes):
-    """Return the mesh with nodes at `nodes` (n, 3) but for those that would flatten an element."""
+def moved(mesh, nodes, least=STAY):
+    """Return the mesh with nodes at `nodes` (n, 3) but for those that would flatten an element.
+
+    least : mean ratio below which its nodes stay
+    """
     target = nodes.copy()
     while True:
         new = replace(mesh, nodes=target)
         mine = (target != mesh.nodes).any(axis=1)
-        bad = (mean_ratio(new) < STAY) & mine[mesh.tets].any(axis=1)
+        bad = (mean_ratio(new) < least) & mine[mesh.tets].any(axis=1)
         if not bad.any():
             return new
         back = np.unique(mesh.tets[bad])
