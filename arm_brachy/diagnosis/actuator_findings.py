@@ -39,8 +39,7 @@ def actuator_findings(prepared, pads):
     A gain that all pads share is weighed against the scale of the tracker, which the distances on
     the base tell; a motion across the push is a direction that the scene has wrong.
     """
-    slack = {GAIN: prepared.calibration.gain, COMPLIANCE: prepared.calibration.compliance,
-             PLAY: prepared.calibration.play}
+    slack = _slack(prepared)
     limit = threshold(len(pads) * len(slack))
     out, gains = [], {}
     for one in pads:
@@ -54,6 +53,11 @@ def actuator_findings(prepared, pads):
     return (*out, *_gain_findings(prepared, gains, pads, limit))
 
 
+def _slack(prepared):
+    return {GAIN: prepared.calibration.gain, COMPLIANCE: prepared.calibration.compliance,
+            PLAY: prepared.calibration.play}
+
+
 def _actuator(prepared, one, cause, value, sd, z, more=()):
     term, parameter, unit = TERMS[cause]
     shown = {GAIN: f'{100.0 * value:.1f} % of its travel', PLAY: f'{1e3 * value:.2f} mm of play',
@@ -63,7 +67,8 @@ def _actuator(prepared, one, cause, value, sd, z, more=()):
                    *map(float, prepared.evidence.span),
                    f'The marker on {one.pad} departs from the encoder by {shown}.', rivals,
                    parameters={
-                       parameter: value, 'actuators': (prepared.evidence.pads.index(one.pad),)})
+                       parameter: value, 'actuators': (prepared.evidence.pads.index(one.pad),)},
+                   slack=_slack(prepared)[cause])
 
 
 def _gain_findings(prepared, gains, pads, limit):
@@ -91,7 +96,8 @@ def _gain_findings(prepared, gains, pads, limit):
                     f'Every pad travels {100.0 * mean:+.2f} % against its encoder and the '
                     f'distances on the base are {100.0 * base.value:+.2f} % off: the scale of the '
                     'tracker.',
-                    () if told else ('actuator_gain',), parameters={'scale': scale})]
+                    () if told else ('actuator_gain',), parameters={'scale': scale},
+                    slack=prepared.calibration.scale)]
 
 
 def _tilt(prepared, one, tests):

@@ -3,6 +3,7 @@
 Test: diagnosis/forward/test_responses.py
 """
 
+import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -54,6 +55,7 @@ class Baseline:
         in it;  path : transmission.Path of the pads;  forces : (n, nodes, 3) [N]
     truth : n dicts kind -> (c, 3), before the sensors and their clocks
     fields : n StepFields;  group : (n,) into `sensitivities`
+    place : (n,) number of the first state that is the same but for the time: pads in one place
     restructures : term class -> bool, condensed : interface.Condensed; filled when first wanted
     Raises InputError for instants out of order, ConfigError for touching pads, NotConverged at a
     state that is not found
@@ -79,6 +81,7 @@ class Baseline:
         self.fields = self._fields()
         self.forces = np.stack([self.solver.assembler.forces(self.x(i), fields)
                                 for i, fields in enumerate(self.fields)])
+        self.place = self._places()
         self.group, first = self._groups()
         self.sensitivities = self._linearise(first)
 
@@ -94,6 +97,21 @@ class Baseline:
         """Displacement (3,) [m] of the base at state i."""
         return self.trajectory.base[self.at[i]]
 
+    def take(self, index):
+        """The Baseline at some of its states, index (k,), nothing solved for anew."""
+        part, index = copy.copy(self), np.asarray(index)
+        part.__dict__.pop('shown', None)
+        part.t, part.at = self.t[index], self.at[index]
+        part.truth, part.fields = ([some[i] for i in index] for some in (self.truth, self.fields))
+        part.forces, part.group = self.forces[index], self.group[index]
+        part.place = np.unique(self.place[index], return_index=True, return_inverse=True)
+        part.place = part.place[1][part.place[2].ravel()]
+        return part
+
+    def places(self):
+        """The first state of every place."""
+        return np.unique(self.place).tolist()
+
     def sensitivity(self, i):
         """The Sensitivity of state i."""
         return self.sensitivities[self.group[i]]
@@ -101,25 +119,33 @@ class Baseline:
     @cached_property
     def shown(self):
         """What the sensors of the model show, kind -> (n, c, 3)."""
-        nothing = dict.fromkeys(STAGES, 0.0)
-        readings = [self.reading(i, nothing, self.model.terms) for i in range(len(self.t))]
-        return {kind: np.stack([reading[kind] for reading in readings]) for kind in STAGES}
+        return self.readings([dict.fromkeys(STAGES, 0.0)] * len(self.t), self.model.terms)
 
-    def reading(self, i, change, terms):
-        """What sensors with these terms show at state i, kind -> (c, 3), of a truth that changed.
+    def readings(self, changes, terms):
+        """What sensors with these terms show at all states, kind -> (n, c, 3).
 
-        change : kind -> (c, 3) or 0 of the truth;  terms : of any stage
+        changes : n dicts kind -> (c, 3) or 0, of the truth;  terms : of any stage
         Of a clock's lateness the motion of the pads meanwhile is taken, to first order.
         """
         out = {}
-        for kind, values in self.truth[i].items():
-            late = sum(term.lateness for term in terms if term.stage is STAGES[kind])
+        for kind in STAGES:
+            true = [values[kind] + change[kind]
+                    for values, change in zip(self.truth, changes, strict=True)]
+            out[kind] = np.stack(self._sensed(kind, true, terms))
+        return out
+
+    def _sensed(self, kind, true, terms):
+        """What a stream shows of its true values, n times (c, 3)."""
+        terms = [term for term in terms if term.stage is STAGES[kind]]
+        if not terms:
+            return true
+        late, out = sum(term.lateness for term in terms), []
+        for i, values in enumerate(true):
             t = max(self.t[i] - late, self.encoder.t[0])
-            true = values + change[kind]
             if late:
                 now, then = self.path.at(np.array([self.t[i], t]))
-                true = true + self.pads_moved(i, then - now)[kind]
-            out[kind] = self.model.sense(kind, t, true, self.pads(i), terms=terms)
+                values = values + self.pads_moved(i, then - now)[kind]
+            out.append(self.model.sense(kind, t, values, self.pads(i), terms=terms))
         return out
 
     def pads_moved(self, i, moved):
@@ -154,6 +180,13 @@ class Baseline:
                 wanted[i] = fields
         return [wanted[i] for i in self.at.tolist()]
 
+    def _places(self):
+        if self.model.remembers:
+            return np.arange(len(self.t))
+        _, first, place = np.unique(self.trajectory.x[self.at].reshape(len(self.t), -1), axis=0,
+                                    return_index=True, return_inverse=True)
+        return first[place.ravel()]
+
     def _groups(self):
         """(group (n,), its first state): alike in the places of the pads, one each with memory."""
         if self.model.remembers:
@@ -178,7 +211,8 @@ class Baseline:
         translations = pad_translations(self.model.body)[held]
         for i in states:
             if linearisation is None:
-                linearisation = Linearisation(self.solver, self.x(i), self.fields[i])
+                linearisation = Linearisation(self.solver, self.x(i), self.fields[i],
+                                              single=True)
             else:
                 linearisation.move_to(self.x(i), self.fields[i])
             a, h = linearisation.adjoint(x_bar, pad_bar)

@@ -40,5 +40,5 @@ def clock_findings(prepared, clocks):
             sigma(one.value, one.sd, slack), float(stream.t[0]), float(stream.t[-1]),
             f'The stamps of {kind} are {abs(one.value) * 1e3:.1f} ms {late} against the '
             'encoders' + (', as are those of every other stream.' if common else '.'), rivals,
-            parameters={'stream': kind, 'delay': one.value}))
+            parameters={'stream': kind, 'delay': one.value}, slack=slack))
     return tuple(out)

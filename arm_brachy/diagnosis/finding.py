@@ -64,6 +64,7 @@ class Finding:
     onset : (low, high) [s] 90 % interval of a sudden beginning; None = it is there all along
     parameters : what the finding says of the term's fields, SI: `registry.by_name(term)` can be
         made from them; empty without a term
+    slack : sd [SI] of what calibration leaves in the value besides; its interval has both
     """
 
     stream: str
@@ -80,6 +81,7 @@ class Finding:
     rivals: tuple = ()
     onset: tuple | None = None
     parameters: dict = field(default_factory=dict)
+    slack: float = 0.0
 
 
 def threshold(tests, dof=1):

@@ -11,6 +11,7 @@ from arm_brachy.diagnosis.assembly import features_of, structured_tests
 from arm_brachy.diagnosis.cause import Cause, Estimate
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.held_out import Part, stacked
+from arm_brachy.diagnosis.hypotheses import COSTLY
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.model_error import Accuracy
 from arm_brachy.diagnosis.motion import corners_of
@@ -95,6 +96,7 @@ def fit_in_full(assembly, candidate):
                                                           - assembly.sound]]
     modulus = hypothesis(StiffnessScale)
     try:
+        refuse_costly(hypotheses)
         found = refit(data, (*hypotheses, modulus), (*amplitudes, np.zeros(1)))
     except NotConverged as error:
         amplitudes = [_allowed(*x) for x in zip(hypotheses, amplitudes, strict=True)]
@@ -107,6 +109,14 @@ def fit_in_full(assembly, candidate):
     n = len(hypotheses)
     return Fitted(hypotheses, found.terms[:n], tuple(found.estimates[i] for i in range(n)), found,
                   found.estimates[n]['factor'])
+
+
+def refuse_costly(hypotheses):
+    """Raise NotConverged for what would be fitted by hours of contact."""
+    for one in hypotheses:
+        if one.name in COSTLY:
+            raise NotConverged(f'{one.name} asks for a run with contact at every step: it takes '
+                               'hours')
 
 
 def _without_modulus(m):
@@ -154,7 +164,8 @@ def data_of(m):
     observables = m.observables.at(kept)
     U = observables.whiten({kind: v[kept] for kind, v in m.nuisances.values.items()})
     return Data(m.baseline.model.specimen, _coarse(m.recorded.path, m.recorded.states.t[kept]),
-                m.recorded.states.t[kept], observables, U, m.baseline.model.terms), kept
+                m.recorded.states.t[kept], observables, U, m.baseline.model.terms,
+                m.baseline.take(kept)), kept
 
 
 def _coarse(path, t):

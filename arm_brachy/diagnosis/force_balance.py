@@ -59,5 +59,5 @@ def _judged(prepared, names, ratio, error):
                 FORCE, name, 'force_gain', 'gain', float(gain), '1', float(sd), z,
                 *map(float, prepared.evidence.span), f'The force on {name} reads '
                 f'{100.0 * gain:+.1f} % against the balance of all forces on the tissue.',
-                parameters={'gain': float(gain), 'pads': (name,)}))
+                parameters={'gain': float(gain), 'pads': (name,)}, slack=slack))
     return tuple(out)

@@ -134,12 +134,13 @@ def _findings(prepared, pad, fit, scatter, slack, t):
             FORCE, pad, 'force_drift', 'rate', rate, 'N/s', rate_sd, z, *span,
             f'The force on {pad} drifts by {60.0 * np.linalg.norm(rate):.2f} N a minute while '
             'nothing pushes.', rivals=('swelling_drift',),
-            parameters={'rate': tuple(rate), 'pads': (pad,)}))
+            parameters={'rate': tuple(rate), 'pads': (pad,)}, slack=calibration.force_drift))
     z = sigma(zero, zero_sd, slack)
     if z > limit:
         out.append(Finding(
             FORCE, pad, 'force_drift', 'bias', zero, 'N', zero_sd, z, *span,
             f'The force on {pad} reads {np.linalg.norm(zero):.2f} N at the start while nothing '
             'pushes.', rivals=('actuator_gain', 'gravity', 'reference_shape'),
-            parameters={'rate': (0.0, 0.0, 0.0), 'bias': tuple(zero), 'pads': (pad,)}))
+            parameters={'rate': (0.0, 0.0, 0.0), 'bias': tuple(zero), 'pads': (pad,)},
+            slack=float(slack)))
     return out

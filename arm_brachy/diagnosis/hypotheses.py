@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from arm_brachy.core.errors import ConfigError, MeshError, NotConverged
+from arm_brachy.core.errors import ConfigError, InputError, MeshError, NotConverged
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.candidates import Occasions, candidates
 from arm_brachy.diagnosis.responses import respond
@@ -13,7 +13,7 @@ from arm_brachy.registry import TERMS
 HIDDEN = (Stage.SETPOINT, Stage.ENCODER)    # before or at the encoders, which drive the model
 RECALIBRATED = ('stiffness_scale',)         # no physics that is missing: the scene's own modulus
 INERTIAL = ('damping',)                     # nothing without inertia
-COSTLY = ('pad_slip',)                      # minutes of full runs with contact
+COSTLY = ('pad_slip',)      # beside terms with memory: minutes of full runs with contact
 
 
 @dataclass(frozen=True)
@@ -30,15 +30,18 @@ class Tried:
     left_out: dict = field(default_factory=dict)
 
 
-def triable(cls):
-    """'' if a term class can be tried at all, else why not."""
+def triable(cls, remembers=False):
+    """'' if a term class can be tried at all, else why not.
+
+    remembers : True beside terms with memory
+    """
     name = cls.spec.name
     if cls.spec.stage in HIDDEN:
         return 'acts before the encoders, which hide it'
     if name in RECALIBRATED:
         return 'is recalibrated, not missing'
-    if name in COSTLY:
-        return 'is tried by full runs, where something is left'
+    if name in COSTLY and remembers:
+        return 'asks for full runs beside terms with memory'
     return 'has no effect without inertia' if name in INERTIAL else ''
 
 
@@ -49,8 +52,10 @@ def try_all(matched, occasions=None, progress=None):
     A place at which a term does not fit the body, or finds no state, is left out.
     """
     specimen, left_out, found, answers = matched[0].baseline.model.specimen, {}, [], []
-    listed = [cls for cls in TERMS if not triable(cls)]
-    left_out |= {cls.spec.name: triable(cls) for cls in TERMS if triable(cls)}
+    remembers = any(m.baseline.model.remembers for m in matched)
+    left_out |= {cls.spec.name: triable(cls, remembers) for cls in TERMS
+                 if triable(cls, remembers)}
+    listed = [cls for cls in TERMS if cls.spec.name not in left_out]
     for done, cls in enumerate(listed):
         if progress:
             progress(done, len(listed), cls.spec.name)
@@ -59,7 +64,7 @@ def try_all(matched, occasions=None, progress=None):
         for one in options:
             try:
                 responses = tuple(respond(m.baseline, one) for m in matched)
-            except (ConfigError, MeshError, NotConverged) as error:
+            except (ConfigError, InputError, MeshError, NotConverged) as error:
                 why = str(error)
                 continue
             if all(_whole(r) for r in responses):

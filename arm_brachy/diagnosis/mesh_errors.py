@@ -24,7 +24,7 @@ from arm_brachy.diagnosis.specimen import attach, specimen_of
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
 from arm_brachy.diagnosis.trajectory import Equilibria
 from arm_brachy.tissue.body import TetMesh
-from arm_brachy.tissue.jacobian import Linearisation, pad_translations
+from arm_brachy.tissue.jacobian import Equations, Linearisation, pad_translations
 from arm_brachy.tissue.mesh import quadratic_mesh
 from arm_brachy.tissue.refinement import refine
 
@@ -113,7 +113,8 @@ def ensemble_of(model, deepest, rng, options=None):
     own = tangent(model.body, model.specimen)
     better = {name: tangent(*one) - own for name, one in _better(model)}
     members = np.stack([tangent(*_member(model, rng)) - own for _ in range(options.members)])
-    names, patterns = zip(*[*_systematic(better), *_random(members, options)], strict=True)
+    names, patterns = zip(*[*_systematic(better), *_random(members, better, options)],
+                           strict=True)
     return Ensemble(tuple(names), np.stack(patterns, axis=3) * options.inflation,
                     np.array([name in better for name in names]), options.growth, deepest)
 
@@ -124,14 +125,13 @@ def tangent(body, specimen):
     body : SoftBody;  specimen : Specimen of the points, its mesh that of the body before terms.
     What rides on a pad, which no mesh changes, is left out.
     """
-    rest = Equilibria(body)
-    linear = Linearisation(rest.solver, body.mesh.nodes, shared=True)
+    linear = Linearisation(Equations.of(body), body.mesh.nodes, single=True)
     if linear.outstanding() > AT_REST:
-        found = rest.trajectory(np.zeros(1), np.zeros((1, len(body.pads), 3)))
+        found = Equilibria(body).trajectory(np.zeros(1), np.zeros((1, len(body.pads), 3)))
         if not found.valid[0]:
             raise NotConverged('a companion of the mesh has no state at rest '
                                f'({found.outcomes[0].advice})')
-        linear = Linearisation(rest.solver, found.x[0], shared=True)
+        linear.move_to(found.x[0])
     push = np.stack([pad.direction for pad in body.pads])
     dx = linear.respond(np.einsum('dpi,pi->dp', pad_translations(body).reshape(-1, *push.shape),
                                   push))
@@ -190,13 +190,18 @@ def _systematic(better):
         yield from ((name, part) for part in _each_pad(pattern))
 
 
-def _random(members, options):
-    """What members (s, k + e + p, 3, p) have in common, then channel by channel, axis by axis."""
+def _random(members, better, options):
+    """What members (s, k + e + p, 3, p) have in common, then channel by channel, axis by axis.
+
+    The last as large as the difference to a better mesh too: another mesh is as far from it, but
+    not by the same pattern.
+    """
     share = np.sqrt(options.shared / len(members))
     for member in members:
         yield from (('member', part) for part in _each_pad(share * member))
     # By the largest, all axes together: a marker at a rim is seldom off, and then far.
-    sd = np.sqrt((1.0 - options.shared) * np.max(np.mean(members**2, axis=2), axis=0)) / LARGEST
+    off = np.stack([*members, *better.values()])
+    sd = np.sqrt((1.0 - options.shared) * np.max(np.mean(off**2, axis=2), axis=0)) / LARGEST
     for c, p in np.argwhere(sd > 0.0):
         for axis in range(3):
             alone = np.zeros(members.shape[1:])

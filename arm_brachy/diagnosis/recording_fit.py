@@ -30,7 +30,8 @@ class Data:
 
     specimen : specimen.Specimen to run;  encoder : transmission.Path;  t : (n,) [s] states
     observables : observables.Observables;  U : (N, k) whitened columns of nuisances and mesh
-    terms : that the model has anyway;  offset : kind -> (n, c, 3) to add to every prediction,
+    terms : that the model has anyway;  baseline : Baseline of that model at t, None = to be made
+    offset : kind -> (n, c, 3) to add to every prediction,
         that of a finer model less that of this one, both without the causes
     """
 
@@ -40,6 +41,7 @@ class Data:
     observables: Observables
     U: np.ndarray
     terms: tuple = ()
+    baseline: Baseline | None = None
     offset: dict = field(default_factory=dict)
 
 
@@ -56,27 +58,27 @@ class RecordingFit:
         self.data, self.runs, self.plain = data, 0, None
         self._added, self._still, self._past = dict(data.offset), None, None
         self._last = None   # equilibria of the model before, from which those of the next begin
+        if data.baseline is not None:
+            self._last = data.baseline.model.equilibria
         if all(term.stage in STAGES.values() for term in terms):
-            self._still = Baseline(self.model(()), data.encoder, data.t)
+            self._still = self._plain()
             return
         whole = self.model(terms)
         if whole.remembers and not touches(whole.body).any():
-            self._carry(self.model(()))
+            plain = self._plain()
+            self._past = Past(plain.trajectory, plain.model.body.mesh.nodes)
+            self.plain = data.observables.residual(plain.shown)
 
     @property
     def carries(self):
         """True if memories are carried along the motion without the terms."""
         return self._past is not None
 
-    def _carry(self, model):
-        data = self.data
-        states = model.trajectory(model.pad_path(data.encoder, data.t), data.t, kinks=True)
-        shown = model.predict(data.encoder, data.t)
-        if not (states.valid.all() and shown.valid.all()):
-            raise NotConverged('the model without the causes has no state along which their '
-                               'memory could be carried; start from a scene that can be pushed so')
-        self._past = Past(states, model.body.mesh.nodes)
-        self.plain = data.observables.residual({kind: shown.get(kind) for kind in STAGES})
+    def _plain(self):
+        """The Baseline of the model without the terms."""
+        if self.data.baseline is not None:
+            return self.data.baseline
+        return Baseline(self.model(()), self.data.encoder, self.data.t)
 
     def model(self, terms, *, carried=True):
         """The ForwardModel with terms besides the known ones, memories carried or stepped."""
@@ -120,9 +122,8 @@ class RecordingFit:
 
     def _sensed(self, terms):
         every = sorted((*self.data.terms, *terms), key=lambda term: TERMS.index(type(term)))
-        nothing = dict.fromkeys(STAGES, 0.0)
-        readings = [self._still.reading(i, nothing, every) for i in range(len(self.data.t))]
-        return {kind: np.stack([one[kind] for one in readings]) for kind in STAGES}
+        nothing = [dict.fromkeys(STAGES, 0.0)] * len(self.data.t)
+        return self._still.readings(nothing, every)
 
     def _offset(self, shown):
         return {kind: shown[kind] + self._added.get(kind, 0.0) for kind in STAGES}

@@ -4,12 +4,11 @@ In equilibrium f(x, theta) = 0. What a term adds to the forces at the positions 
 its residual g; to first order in it the positions move by -K^-1 g, and an observable J, with the
 adjoint state a = K^-1 dJ/dx, by -a . g (`jacobian.Linearisation.adjoint`). That asks nothing of a
 term but to be prepared and to have its memory carried along the baseline. Where held nodes or
-supports change, the balance is found on the few nodes concerned (`interface`); lost bonds of pads
-are run in full.
+supports change or pads come loose, the balance is found on the few nodes concerned (`interface`,
+`slip`).
 Test: diagnosis/forward/test_responses.py
 """
 
-import dataclasses
 from dataclasses import dataclass
 from functools import partial
 
@@ -20,12 +19,13 @@ from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.forward import STAGES, ForwardModel
 from arm_brachy.diagnosis.hypothesis import Hypothesis
 from arm_brachy.diagnosis.interface import interface_change
+from arm_brachy.diagnosis.rates import Rates, alike, same_fields
+from arm_brachy.diagnosis.slip import slip_change
 from arm_brachy.diagnosis.specimen import attach
 from arm_brachy.diagnosis.stream import EM, OPTICAL
 from arm_brachy.diagnosis.trajectory import Trajectory, evolve
 from arm_brachy.diagnosis.transmission import Path, transmitted
 from arm_brachy.registry import TERMS
-from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.contact_pads import touches
 from arm_brachy.tissue.free_dofs import moved_from_rest
 
@@ -125,11 +125,12 @@ def rebuilt(old, new):
 
 
 def _supported(baseline, term, scale):
-    """Condensed to the nodes of a support where one is all that changes, else run in full."""
+    """Condensed to the nodes of a support or loose pad without memory, else run in full."""
     body, terms = _prepared(baseline.model, term)
     changes = None
     if not any(one.memory(body) is not None for one in terms):
-        changes = interface_change(baseline, body)
+        change = slip_change if touches(body).any() else interface_change
+        changes = change(baseline, body)
     if changes is None:
         return _rerun(baseline, term, scale)
     return _by(scale, _difference(baseline, [baseline.split(change) for change in changes]))
@@ -152,36 +153,29 @@ def body_change(baseline, term):
     body, terms = _prepared(model, term)
     fractions = _moduli_alone(baseline, body, terms)
     if fractions is not None:
-        return _difference(baseline, [
-            baseline.split(baseline.sensitivity(i).moduli @ fractions)
-            for i in range(len(baseline.t))])
-    shift = body.mesh.nodes - model.body.mesh.nodes
-    attached = model.attached if not shift.any() else attach(model.specimen, body)
-    assembler = baseline.solver.assembler if body is model.body else Assembler(body)
-    changes, directions = [], np.array([pad.direction for pad in body.pads])
-    for i, fields in _states(baseline, body, terms, shift):
-        x, push = baseline.x(i) + shift, baseline.path.at(baseline.t[i:i + 1])[0]
-        pads = push[:, None] * directions
-        motion = moved_from_rest(body, pads, fields.base) - x
-        rate = _rate(baseline, i, assembler, x, fields)
-        change = baseline.split(baseline.sensitivity(i).change(motion, rate))
-        moved = attached.points(x, pads, fields.base) - model.attached.points(
-            baseline.x(i), baseline.pads(i), baseline.base(i))
-        k = len(model.specimen.markers)
-        change[OPTICAL] += moved[:k]
-        change[EM] += moved[k:]
-        changes.append(change)
+        groups = [one.moduli @ fractions for one in baseline.sensitivities]
+        return _difference(baseline, [baseline.split(groups[k]) for k in baseline.group])
+    rates, known, changes = Rates(baseline, body), {k: [] for k in baseline.places()}, []
+    attached = model.attached if not rates.shift.any() else attach(model.specimen, body)
+    for i, fields in _states(baseline, body, terms, rates.shift):
+        at = known[baseline.place[i]]
+        if not any(same_fields(fields, other) for other, _ in at):
+            at.append((fields, _first_order(baseline, i, body, attached, rates, fields)))
+        changes.append(next(change for other, change in at if same_fields(fields, other)))
     return _difference(baseline, changes)
 
 
-def _rate(baseline, i, assembler, x, fields):
-    """Change (n, 3) [N] of `Assembler.forces` at state i, without a loop where loads alone do."""
-    before = baseline.fields[i]
-    if assembler is baseline.solver.assembler and all(
-            np.array_equal(getattr(before, name), getattr(fields, name))
-            for name in ('mu', 'kappa', 'beyond', 'swelling', 'base', 'stress')):
-        return before.nodal_force - fields.nodal_force
-    return assembler.forces(x, fields) - baseline.forces[i]
+def _first_order(baseline, i, body, attached, rates, fields):
+    """Change kind -> (c, 3) of the truth at state i by another body, attachment and StepFields."""
+    model, x = baseline.model, baseline.x(i) + rates.shift
+    push = baseline.path.at(baseline.t[i:i + 1])[0]
+    pads = push[:, None] * np.array([pad.direction for pad in body.pads])
+    motion = moved_from_rest(body, pads, fields.base) - x
+    change = baseline.split(baseline.sensitivity(i).change(motion, rates.at(i, fields)))
+    moved = attached.points(x, pads, fields.base) - model.attached.points(
+        baseline.x(i), baseline.pads(i), baseline.base(i))
+    k = len(model.specimen.markers)
+    return change | {OPTICAL: change[OPTICAL] + moved[:k], EM: change[EM] + moved[k:]}
 
 
 def _moduli_alone(baseline, body, terms):
@@ -192,12 +186,11 @@ def _moduli_alone(baseline, body, terms):
     plain = baseline.model.body
     if baseline.model.remembers or any(term.memory(body) is not None for term in terms):
         return None
-    others = {f.name for f in dataclasses.fields(plain)} - {'mu', 'kappa'}
-    if any(getattr(plain, name) is not getattr(body, name) for name in others):
+    if not alike(plain, body, but=('mu', 'kappa')):
         return None
     if not np.allclose(body.mu * plain.kappa, plain.mu * body.kappa, rtol=1e-12, atol=0.0):
         return None
-    return np.concatenate([body.mu - plain.mu, body.kappa - plain.kappa])
+    return np.concatenate([body.mu - plain.mu, body.kappa - plain.kappa]).astype(np.float32)
 
 
 def _states(baseline, body, terms, shift):
@@ -241,5 +234,5 @@ def _difference(baseline, changes, added=()):
     added : sensing terms besides those of the model
     """
     terms = _with(baseline.model, *added)
-    new = [baseline.reading(i, change, terms) for i, change in enumerate(changes)]
-    return {kind: np.stack([one[kind] for one in new]) - baseline.shown[kind] for kind in STAGES}
+    new = baseline.readings(changes, terms)
+    return {kind: new[kind] - baseline.shown[kind] for kind in STAGES}

@@ -85,7 +85,7 @@ def _em_offset(prepared, em, seen, off, noise, span):
     return (Finding(EM, '', 'em_offset', 'offset', shift, 'm', sd, z, *span,
                     f'At rest the EM positions of {names} are off by '
                     f'{1e3 * np.linalg.norm(shift):.2f} mm.', rivals=rivals,
-                    parameters={'offset': tuple(shift)}),)
+                    parameters={'offset': tuple(shift)}, slack=zero),)
 
 
 def exchanged_findings(prepared):

@@ -4,22 +4,47 @@ The three functions at the end linearise and answer one question. For several qu
 state, or for parameters other than pad motion (`sensitivity`), make a `Linearisation`.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from arm_brachy.core.errors import NotConverged
-from arm_brachy.tissue.assembly import InvertedElement
-from arm_brachy.tissue.body import StepFields
+from arm_brachy.tissue.assembly import Assembler, InvertedElement
+from arm_brachy.tissue.body import SoftBody, StepFields
+from arm_brachy.tissue.free_dofs import FreeDofs, held_nodes
 from arm_brachy.tissue.linear_solver import FactorisationFailed
+
+WORST_SOLVE = 1e-3  # relative error of a back-solve above which single precision does not do
+
+
+@dataclass(frozen=True)
+class Equations:
+    """The equations of a body, for a Linearisation at a state that is known without solving.
+
+    body : SoftBody;  assembler : Assembler;  free : FreeDofs
+    """
+
+    body: SoftBody
+    assembler: Assembler
+    free: FreeDofs
+
+    @classmethod
+    def of(cls, body):
+        """Equations of a SoftBody with pads bonded."""
+        assembler = Assembler(body)
+        return cls(body, assembler, FreeDofs(assembler, held_nodes(body)))
 
 
 class Linearisation:
     """The equations of a body linearised at one equilibrium, the tangent factorised once.
 
-    solver : newton.StaticSolver;  x : (n, 3) [m] an equilibrium of its body
+    solver : newton.StaticSolver, or Equations;  x : (n, 3) [m] an equilibrium of its body
     fields : StepFields the equilibrium was found with, None = the body's own
     shared : False: a factor of its own, analysed once, good until `move_to` whatever the solver
         does meanwhile. True: the solver's, without analysis; good until the solver's next call,
         and `follow` goes on from it
+    single : a factor of its own in single precision, answers good to some 1e-5 of themselves;
+        in double where that does not do
     Raises NotConverged where the free part K_ff of the tangent is not positive definite (x is no
     stable equilibrium) or an element is inverted.
 
@@ -31,10 +56,10 @@ class Linearisation:
     threads.
     """
 
-    def __init__(self, solver, x, fields=None, *, shared=False):
+    def __init__(self, solver, x, fields=None, *, shared=False, single=False):
         self.solver = solver
-        self._shared = shared
-        self._factor = None if shared else solver.free.solver()
+        self._shared, self._single = shared, single
+        self._factor = None if shared else solver.free.solver(single=single)
         held = solver.free.held
         self._held = (3 * held[:, None] + np.arange(3)).ravel()
         self._pads = pad_translations(solver.body)
@@ -57,14 +82,31 @@ class Linearisation:
         else:
             self.K = self._factorise(x, fields)
         self.x, self.fields = x, fields
+        self._K_held = self.K[self._held]   # K is symmetric: its columns too
 
     def _factorise(self, x, fields):
         tangent = self.solver.assembler.tangent(x, fields)
+        upper = self.solver.free.upper(tangent)
+        if self._single and not self._suffices(tangent, upper):
+            self._factor, self._single = self.solver.free.solver(), False
+        if self._single:
+            return tangent
         try:
-            self._factor.factor(self.solver.free.upper(tangent))
+            self._factor.factor(upper)
         except FactorisationFailed as error:
             raise NotConverged(f'no linearisation at this state: {error}') from None
         return tangent
+
+    def _suffices(self, tangent, upper):
+        """True if a factor in single precision knows the softest motions too."""
+        try:
+            self._factor.factor(upper)
+        except FactorisationFailed:
+            return False
+        dofs, known = self.solver.free.dofs, np.zeros(len(self._pads))
+        known[dofs] = 1.0
+        found = self._factor.solve((tangent @ known)[dofs])
+        return np.abs(found - 1.0).max(initial=0.0) <= WORST_SOLVE
 
     def outstanding(self):
         """Return the largest nodal correction [m] that Newton would still make at x."""
@@ -79,7 +121,7 @@ class Linearisation:
         """
         dx = np.zeros(motion.shape)
         dx[self._held] = motion[self._held]
-        pull = self.K @ dx
+        pull = self._K_held.T @ dx[self._held]
         if rate is not None:
             pull += rate
         dofs = self.solver.free.dofs
@@ -91,10 +133,11 @@ class Linearisation:
 
         dx : (3n, k) [m] from `respond`;  rate : as given to it
         """
-        change = self.K @ dx
+        change = self._K_held @ dx
         if rate is not None:
-            change += rate
-        return -(self._pads.T @ change).reshape(len(self.solver.body.pads), 3, dx.shape[1])
+            change += rate[self._held]
+        pads = self._pads[self._held]
+        return -(pads.T @ change).reshape(len(self.solver.body.pads), 3, dx.shape[1])
 
     def adjoint(self, x_bar, pad_bar):
         """Return (a, h), both (3n, k): the adjoint problem, k right-hand sides at once.
@@ -106,10 +149,22 @@ class Linearisation:
         """
         a = self._pads @ pad_bar
         dofs = self.solver.free.dofs
-        a[dofs] = self._factor.solve((x_bar - self.K @ a)[dofs])
-        h = x_bar - self.K @ a
-        h[dofs] = 0.0
+        a[dofs] = self._factor.solve((x_bar - self._K_held.T @ a[self._held])[dofs])
+        h = np.zeros_like(a)
+        h[self._held] = x_bar[self._held] - self._K_held @ a
         return a, h
+
+    def compliance(self, rows):
+        """Return the motion (k, k) [m/N] of k rows of free nodes by a force on each of them."""
+        load = (self.solver.free.dofs[:, None] == rows).astype(float)
+        moved = self._factor.solve(load)[np.searchsorted(self.solver.free.dofs, rows)]
+        return 0.5 * (moved + moved.T)
+
+    def stiffness(self, rows):
+        """Return the force (k, k) [N/m] on k rows of held nodes by a motion of each of them."""
+        dofs, to_all = self.solver.free.dofs, self.K[rows]
+        follow = self._factor.solve(to_all[:, dofs].T.toarray())
+        return to_all[:, rows].toarray() - to_all[:, dofs] @ follow
 
     def state_sensitivity(self):
         """Return d x / d pad displacement, (n, 3, p, 3) [m/m].

@@ -107,8 +107,8 @@ def boundary_faces(mesh):
 def _boundary(tets):
     """Boundary triangles (f, 3) and the element each belongs to (f,)."""
     faces = tets[:, FACES].reshape(-1, 3)
-    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True,
-                                return_counts=True)
+    code = np.sort(faces, axis=1) @ (tets.max() + 1) ** np.arange(3)    # a face as one number
+    _, first, count = np.unique(code, return_index=True, return_counts=True)
     keep = np.sort(first[count == 1])
     return faces[keep], keep // len(FACES)
 

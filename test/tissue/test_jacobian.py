@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.errors import NotConverged
-from arm_brachy.tissue.body import Pad, SoftBody, StepFields
+from arm_brachy.tissue.body import Pad, SoftBody, Springs, StepFields
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.jacobian import (
+    Equations,
     Linearisation,
     directed_jacobian,
     pad_stiffness,
@@ -136,7 +137,8 @@ def test_a_linearisation_outlives_what_the_solver_does_next(setting):
 def test_the_pattern_is_analysed_once_for_each_owner(setting, monkeypatch):
     solver, x, targets = setting
     analyses, analyse = [], solver.free.solver
-    monkeypatch.setattr(solver.free, 'solver', lambda: analyses.append(1) or analyse())
+    monkeypatch.setattr(solver.free, 'solver',
+                        lambda **kind: analyses.append(1) or analyse(**kind))
     lin = Linearisation(solver, x)
     for _ in range(3):
         lin.move_to(x)
@@ -210,3 +212,30 @@ def test_a_body_without_pads_has_an_empty_jacobian():
     lin = Linearisation(solver, free.mesh.nodes)
     assert lin.state_sensitivity().shape == (len(free.mesh.nodes), 3, 0, 3)
     assert lin.pad_stiffness().shape == (0, 3, 0, 3)
+
+
+def test_condensed_matrices_are_those_of_the_dense_tangent(setting):
+    solver, x, _ = setting
+    K, dofs = solver.assembler.tangent(x).toarray(), solver.free.dofs
+    free, base = 3 * solver.free.free[5] + np.arange(3), 3 * solver.body.fixed[2] + np.arange(3)
+    inverse = np.linalg.inv(K[np.ix_(dofs, dofs)])
+    at = np.searchsorted(dofs, free)
+    schur = K[np.ix_(base, base)] - K[np.ix_(base, dofs)] @ inverse @ K[np.ix_(dofs, base)]
+    for single, close in ((False, 1e-10), (True, 1e-4)):
+        lin = Linearisation(solver, x, single=single)
+        expected = inverse[np.ix_(at, at)]
+        np.testing.assert_allclose(lin.compliance(free), expected,
+                                   atol=close * np.abs(expected).max())
+        np.testing.assert_allclose(lin.stiffness(base), schur, atol=close * np.abs(schur).max())
+
+
+def test_what_single_precision_cannot_know_is_solved_in_double(setting):
+    """A body a million times stiffer than the springs that hold it."""
+    plain, x, _ = setting
+    every = np.arange(0, len(x), 7)
+    springs = Springs(every, np.tile(1e-3 * np.eye(3), (len(every), 1, 1)))
+    body = replace(plain.body, fixed=np.zeros(0, dtype=np.int64), pads=(), springs=springs)
+    rows = 3 * every[0] + np.arange(3)
+    double, single = (Linearisation(Equations.of(body), body.mesh.nodes, single=single)
+                      .compliance(rows) for single in (False, True))
+    np.testing.assert_allclose(single, double, rtol=1e-9)

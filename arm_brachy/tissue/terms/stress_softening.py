@@ -4,10 +4,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numba import njit
 
 from arm_brachy.core.quantity import quantity
 from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
-from arm_brachy.tissue import material
+from arm_brachy.tissue.kernels import deformation_gradient
+from arm_brachy.tissue.material import inverse_transpose
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,28 @@ def isochoric_energy(body, x):
 
     body : SoftBody, its own moduli;  x : (n, 3) [m], no element inverted
     """
-    geometry = body.geometry
-    F = np.einsum('mai,mqaj->mqij', x[geometry.connectivity], geometry.gradients, optimize=True)
-    density = material.energy(F, body.mu[:, None], 0.0, body.beyond[:, None])
-    return np.sum(geometry.weights * density, axis=1) / geometry.weights.sum(axis=1)
+    g, out = body.geometry, np.empty(len(body.mu))
+    _mean_energy(np.ascontiguousarray(x, dtype=float), g.connectivity, g.gradients, g.weights,
+                 body.mu, body.beyond, out)
+    return out
+
+
+@njit(cache=True, error_model='numpy')
+def _mean_energy(x, conn, G, weights, mu, beyond, out):
+    """Element loop of `isochoric_energy`: `material.energy` without kappa, arrays as `kernels`."""
+    F, inv_T = np.empty((3, 3)), np.empty((3, 3))
+    for e in range(len(mu)):
+        total, volume = 0.0, 0.0
+        for q in range(G.shape[1]):
+            if weights[e, q] == 0.0:
+                continue
+            I1 = deformation_gradient(x, conn[e], G[e, q], F)
+            excess = inverse_transpose(F, inv_T) ** (-2.0 / 3.0) * I1 - 3.0
+            along = 0.0
+            for i in range(3):
+                along += (F[i, 0] * beyond[e, 2] + F[i, 1] * beyond[e, 3]
+                          + F[i, 2] * beyond[e, 4]) ** 2
+            total += weights[e, q] * (0.5 * mu[e] * excess + beyond[e, 0] * excess**2
+                                      + 0.5 * beyond[e, 1] * (along - 1.0) ** 2)
+            volume += weights[e, q]
+        out[e] = total / volume

@@ -236,10 +236,11 @@ def test_derivatives_are_those_of_full_runs(record, linear, encoder, term, error
     start = [np.array([(getattr(term, s.name) - s.neutral) / (s.typical - s.neutral)
                        for s in one.strengths])]
     found = refit([data], (one,), start, options=Options(tolerance=1.0))
+    low, high = found.space.joined('low'), found.space.joined('high')
     for j, step in enumerate(np.diag(found.space.joined('step'))):
-        ends = [ForwardModel(linear, found.space.terms(found.z + way * step)).predict(
-            encoder, SOME) for way in (-1.0, 1.0)]
-        change = {kind: (ends[1].get(kind) - ends[0].get(kind))[..., None] / (2.0 * step.sum())
+        at = np.maximum(found.z - step, low), np.minimum(found.z + step, high)
+        ends = [ForwardModel(linear, found.space.terms(z)).predict(encoder, SOME) for z in at]
+        change = {kind: (ends[1].get(kind) - ends[0].get(kind))[..., None] / np.sum(at[1] - at[0])
                   for kind in KINDS}
         expected = data.observables.whiten(change)[:, 0]
         off = np.linalg.norm(found.columns[0][:, j] - expected)

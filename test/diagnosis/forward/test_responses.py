@@ -13,12 +13,18 @@ from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.interface import interface_change
+from arm_brachy.diagnosis.rates import Rates
 from arm_brachy.diagnosis.responses import respond
 from arm_brachy.registry import TERMS, by_name
+from arm_brachy.tissue.assembly import Assembler
+from arm_brachy.tissue.body import StepFields
+from arm_brachy.tissue.terms.anisotropy import Anisotropy
 from arm_brachy.tissue.terms.external_force import ExternalForce
 from arm_brachy.tissue.terms.gravity import Gravity
 from arm_brachy.tissue.terms.inclusion import Inclusion
+from arm_brachy.tissue.terms.reference_shape import ReferenceShape
 from arm_brachy.tissue.terms.stiffness_gradient import StiffnessGradient
+from arm_brachy.tissue.terms.strain_stiffening import StrainStiffening
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
 STATES = np.array([2.5, 7.4, 9.0])
@@ -93,13 +99,15 @@ def test_an_obstacle_out_of_reach_does_nothing(baseline):
     assert np.array_equal(changes, np.zeros_like(changes))
 
 
-def test_lost_bonds_of_pads_are_run_in_full(linear, encoder):
-    baseline = Baseline(ForwardModel(linear), encoder, STATES[:1])
-    one = hypothesis(by_name('pad_slip'), pads=('pad_1',))
-    response = respond(baseline, one)
-    assert response.exact
-    expected = difference(baseline, (one.alone(0, 1.0),), 1.0)
-    assert np.allclose(response.values['force'][..., 0], expected['force'], rtol=0.0, atol=1e-9)
+@pytest.mark.parametrize(('name', 'place'), [SUPPORTS[0], SUPPORTS[2]])
+def test_a_support_acts_alike_whatever_was_looked_at_before(linear, encoder, name, place):
+    """Stiffness is that of the first state, at rest, in both."""
+    one = hypothesis(by_name(name), **place)
+    few, more = (respond(Baseline(ForwardModel(linear), encoder, np.array(t)), one).values
+                 for t in ([0.5, 9.0], [0.5, 1.3, 2.5, 7.4, 9.0]))
+    for kind, close in (('optical', 1e-7), ('force', 1e-4)):
+        assert np.abs(few[kind][-1]).max() > 100.0 * close
+        assert np.allclose(few[kind][-1], more[kind][-1], rtol=0.0, atol=close)
 
 
 def test_no_inertia_no_answer_to_damping(baseline):
@@ -154,6 +162,30 @@ def test_sensitivity_to_nodal_forces_is_that_of_a_dead_load(baseline):
     found = baseline.split(change)['optical']
     tissue = baseline.model.attached.inside[:k]
     assert np.linalg.norm((found - expected)[tissue]) < 0.03 * np.linalg.norm(expected[tissue])
+
+
+def test_states_in_one_place_differ_by_what_comes_between_them(linear, encoder):
+    one = hypothesis(ExternalForce, centre=(0.03, 0.03, 0.044), onset=2.6, duration=5.0)
+    both = Baseline(ForwardModel(linear), encoder, np.array([2.5, 2.8]))
+    alone = Baseline(ForwardModel(linear), encoder, np.array([2.8]))
+    assert both.places() == [0]
+    found = respond(both, one).values['optical'][..., 0]
+    expected = respond(alone, one).values['optical'][0, ..., 0]
+    assert not found[0].any()
+    assert np.allclose(found[1], expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize('radius', [0.015, 0.1])    # a few elements, more than are worth it
+def test_a_bump_changes_the_forces_of_the_elements_it_reaches(linear, encoder, radius):
+    terms = (Gravity(added=(0.0, 0.0, -9.81)), StrainStiffening(ratio=0.5),
+             Anisotropy(ratio=0.5))
+    baseline = Baseline(ForwardModel(linear, terms), encoder, STATES)
+    bump = ReferenceShape(bump_height=1e-3, bump_centre=(0.03, 0.03, 0.044), bump_radius=radius)
+    body = bump.prepare(baseline.model.body)
+    rates, fields = Rates(baseline, body), StepFields.of(body)
+    whole = Assembler(body).forces(baseline.x(1) + rates.shift, fields) - baseline.forces[1]
+    assert np.abs(whole).max() > 1e-4
+    assert np.allclose(rates.at(1, fields), whole, rtol=0.0, atol=1e-11)
 
 
 def _loaded(fields, force):
