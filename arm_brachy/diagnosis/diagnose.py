@@ -15,11 +15,12 @@ from arm_brachy.diagnosis.assembly import assemble
 from arm_brachy.diagnosis.decide import Judge
 from arm_brachy.diagnosis.diagnosis import Diagnosis
 from arm_brachy.diagnosis.figures import Trace, body_of
-from arm_brachy.diagnosis.fitted import FullFits, parts_of, tested_part
+from arm_brachy.diagnosis.fitted import parts_of, tested_part
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.free_answer import free_answer
 from arm_brachy.diagnosis.free_body import is_free
 from arm_brachy.diagnosis.from_finding import cause_of, interval_of, place_of
+from arm_brachy.diagnosis.full_fits import FullFits
 from arm_brachy.diagnosis.given import given, occasions_of
 from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.hypotheses import try_all

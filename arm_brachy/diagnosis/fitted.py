@@ -6,14 +6,11 @@ import numpy as np
 
 from arm_brachy.core.errors import NotConverged
 from arm_brachy.core.quantity import quantities
-from arm_brachy.diagnosis.adequacy import scan
-from arm_brachy.diagnosis.assembly import features_of, structured_tests
 from arm_brachy.diagnosis.cause import Cause, Estimate
 from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.held_out import Part, stacked
+from arm_brachy.diagnosis.held_out import Part
 from arm_brachy.diagnosis.hypotheses import COSTLY
 from arm_brachy.diagnosis.hypothesis import hypothesis
-from arm_brachy.diagnosis.model_error import Accuracy
 from arm_brachy.diagnosis.motion import corners_of
 from arm_brachy.diagnosis.recording_fit import Data
 from arm_brachy.diagnosis.refit import Refit, refit
@@ -173,44 +170,6 @@ def _coarse(path, t):
     travel = float(np.ptp(path.q, axis=0).max(initial=0.0))
     kept = np.union1d(corners_of(path.t, path.q, CORNER * travel), np.searchsorted(path.t, t))
     return Path(path.t[kept], path.q[kept])
-
-
-class FullFits:
-    """Fitted of every decide.Candidate that is asked for, once, and what each leaves.
-
-    rng : numpy.random.Generator for the distribution of structured tests
-    accuracy : model_error.Accuracy, None = its defaults: how well a law can hold
-    """
-
-    def __init__(self, assembly, rng, accuracy=None):
-        self._assembly, self._rng, self._known = assembly, rng, {}
-        self._law = (accuracy or Accuracy()).law
-
-    def of(self, candidate):
-        """The Fitted of a decide.Candidate."""
-        key = tuple(map(id, candidate.explanations))
-        if key not in self._known:
-            self._known[key] = fit_in_full(self._assembly, candidate)
-        return self._known[key]
-
-    def check(self, candidate):
-        """The adequacy.Scan of what it leaves, its numbers free to first order."""
-        found = self.of(candidate)
-        problem = self._assembly.problem
-        if found.refit is None:
-            U = np.hstack([problem.U, *(e.columns for e in candidate.explanations)])
-            return scan(U, problem.r, problem.tests, self._rng)
-        parts = parts_of(self._assembly, found, 1.0)
-        features = [{name: values[data_of(m)[1]] for name, values in features_of(m).items()}
-                    for m in self._assembly.matched]
-        tests, self.labels = structured_tests(
-            [(part.observables, f) for part, f in zip(parts, features, strict=False)])
-        U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts])])
-        effect = np.concatenate([part.r - residual for part, residual in
-                                 zip(parts, found.refit.residual, strict=True)])
-        weight = 1.0 / np.sqrt(1.0 + np.square(self._law * effect))
-        return scan(weight[:, None] * U, weight * np.concatenate([p.named for p in parts]),
-                    weight[:, None] * tests, self._rng)
 
 
 def parts_of(assembly, fitted, ratio):

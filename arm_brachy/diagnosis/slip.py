@@ -13,8 +13,8 @@ corners between them, in steps of at most STEP.
 
 Against full runs, pads pushed by 2 to 9 mm: 3 % of the effect in positions and in forces on 2275
 quadratic elements; 3 to 9 % in positions and 6 to 14 % in forces on 605, where a pad bears on few
-points. What is missed is the tissue's own nonlinearity, 5 to 20 % of the force that a pad bears on
-605 linear elements, which lock: there the effect itself is not much more.
+points. What is missed is the tissue's own nonlinearity: on 605 linear elements, which lock, 3 to
+24 % of the force that a pad bears, as much as the effect itself. Do not trust it there.
 Test: diagnosis/forward/test_slip.py
 """
 

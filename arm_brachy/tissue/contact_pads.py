@@ -2,7 +2,7 @@
 
 Zero displacement is where the flat face, moved along its direction, just touches the body at
 rest. On a convex body that is outside the pad's centre, which lies on the surface, by what the
-surface bends away from a plane under the disc (2 to 3.5 mm on the breast): a touching pad comes
+surface bends away from a plane under the disc (4 to 7 mm on the breast): a touching pad comes
 to bear gradually where a bonded one holds its whole patch from the start.
 """
 

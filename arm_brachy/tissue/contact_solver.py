@@ -84,7 +84,7 @@ class ContactSolver:
         """Return the poses X_WB (b, 4, 4) moved along each body's own z to where it first touches.
 
         x : (n, 3) [m], None = rest positions. A flat pad whose centre lies on a curved surface
-        begins inside it (2 to 3.5 mm on the breast). Raises InputError for a body that touches
+        begins inside it (4 to 7 mm on the breast). Raises InputError for a body that touches
         nothing along its z.
         """
         x = self.body.mesh.nodes if x is None else np.asarray(x, dtype=float)

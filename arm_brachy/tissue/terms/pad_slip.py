@@ -19,7 +19,7 @@ class PadSlip(BodyTerm):
     touches already keeps its face and gets this coefficient.
 
     Large mu is not a bond: a pad that touches pushes with its flat face, from where that just
-    touches the body at rest (on the breast 2 to 3.5 mm outside the centre of the patch that was
+    touches the body at rest (on the breast 4 to 7 mm outside the centre of the patch that was
     bonded), and it can never pull, so a pad that is retracted, or tissue that shrinks from it,
     shows the difference at any mu. Models of the controller bond every pad (`Pad.face`), so the
     term acts in the plant alone, in quasi-static motion.
