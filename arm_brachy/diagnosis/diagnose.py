@@ -161,7 +161,7 @@ def _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, l
         causes += fitted.causes(probability, option)
         where += conclude.places_of(fitted, scene, option)
         when += conclude.times_of(assembly, candidate) if number == 0 else ()
-    causes, where, when = _with_findings(found, scene, causes, where, when)
+    causes, where, when = _with_findings(found, scene, causes, where, when, _leads(decision))
     left = conclude.left_over(assembly, explanations)
     causes += [] if fault is None else [fault.cause()]
     if decision.verdict == 'unexplained' and fault is None:
@@ -207,15 +207,21 @@ def _options(decision):
     return [(decision.accepted, first), *zip(decision.equals, others, strict=True)]
 
 
-def _with_findings(found, scene, causes, where, when):
+def _leads(decision):
+    """Names of the causes that explain most where none explains all."""
+    unsure = decision.verdict == 'unexplained' and decision.ranked
+    return set(decision.ranked[0].causes) if unsure else set()
+
+
+def _with_findings(found, scene, causes, where, when, leads):
     """The parts of the answer with those that findings make, one cause per term and place.
 
-    What tissue may imitate is told unless it was found to be the tissue.
+    What tissue may imitate is told unless it was found to be the tissue, or that leads.
     """
     causes, where, when, seen = list(causes), list(where), list(when), set()
     told = {cause.term for cause in causes}
     sure = [*found.certain, *((f, name) for f, name in found.open
-                              if f.term not in told and not told & set(f.rivals))]
+                              if f.term not in told and not (told | leads) & set(f.rivals))]
     for finding, name in sure:
         when.append(interval_of(finding, name))
         key = (finding.term, finding.channel, finding.parameter)
