@@ -6,11 +6,13 @@ import numpy as np
 
 from arm_brachy.core.errors import NotConverged
 from arm_brachy.core.quantity import quantities
+from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.cause import Cause, Estimate
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.held_out import Part
 from arm_brachy.diagnosis.hypotheses import COSTLY
 from arm_brachy.diagnosis.hypothesis import hypothesis
+from arm_brachy.diagnosis.law_error import widened
 from arm_brachy.diagnosis.motion import corners_of
 from arm_brachy.diagnosis.recording_fit import Data
 from arm_brachy.diagnosis.refit import Refit, refit
@@ -82,8 +84,10 @@ def sizes_of(assembly, candidate):
     return hypotheses, amplitudes, widths
 
 
-def fit_in_full(assembly, candidate):
+def fit_in_full(assembly, candidate, law):
     """Fitted of a decide.Candidate of an assembly.Assembly, at some states of each recording.
+
+    law : model_error.Accuracy.law, which intervals of causes in the tissue include
 
     Where the full fit does not settle, the numbers are those of the linear answer, and a note
     says so.
@@ -103,9 +107,11 @@ def fit_in_full(assembly, candidate):
         return Fitted(hypotheses, terms, estimates, None, None, (
             f'The full fit of {names} did not settle ({error}); its numbers are those of the '
             'linear answer.',))
-    n = len(hypotheses)
-    return Fitted(hypotheses, found.terms[:n], tuple(found.estimates[i] for i in range(n)), found,
-                  found.estimates[n]['factor'])
+    n, estimates = len(hypotheses), found.estimates
+    if any(term.stage is Stage.BODY for term in found.terms[:n]):
+        estimates = widened(found, data, found.terms[n].factor, law)
+    return Fitted(hypotheses, found.terms[:n], tuple(estimates[i] for i in range(n)), found,
+                  estimates[n]['factor'])
 
 
 def refuse_costly(hypotheses):

@@ -9,6 +9,7 @@ from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.assembly import features_of, structured_tests
 from arm_brachy.diagnosis.fitted import data_of, fit_in_full, parts_of
 from arm_brachy.diagnosis.held_out import stacked
+from arm_brachy.diagnosis.law_error import by_channel
 from arm_brachy.diagnosis.model_error import Accuracy
 
 
@@ -27,7 +28,7 @@ class FullFits:
         """The Fitted of a decide.Candidate."""
         key = tuple(map(id, candidate.explanations))
         if key not in self._known:
-            self._known[key] = fit_in_full(self._assembly, candidate)
+            self._known[key] = fit_in_full(self._assembly, candidate, self._law)
         return self._known[key]
 
     def check(self, candidate):
@@ -45,19 +46,7 @@ class FullFits:
         effect = np.concatenate([part.r - residual for part, residual in
                                  zip(parts, found.refit.residual, strict=True)])
         U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts]),
-                       _by_channel(parts, self._law * effect)])
+                       by_channel([part.observables for part in parts], self._law * effect)])
         weight = 1.0 / np.sqrt(1.0 + np.square(self._law * effect))
         return scan(weight[:, None] * U, weight * np.concatenate([p.named for p in parts]),
                     weight[:, None] * tests, self._rng)
-
-
-def _by_channel(parts, values):
-    """Columns (N, c): values (N,) over all held_out.Parts split by channel and axis.
-
-    What a law is wrong by is alike in all of a recording, and averages out with no number of rows.
-    """
-    keys = [(row.kind, row.channel, row.axis) for part in parts for row in part.observables.rows]
-    number = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-    out = np.zeros((len(values), len(number)))
-    out[np.arange(len(values)), [number[key] for key in keys]] = values
-    return out

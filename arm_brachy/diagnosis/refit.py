@@ -66,6 +66,7 @@ class Refit:
         over the noise, nuisances not removed
     before, after : cost F at the start and in the end;  runs : forward runs, all recordings
     space : freedom.Space;  z : (k,) its coordinates;  covariance : (k, k) of these, without limits
+    mean : (k,) of the normal that limits cut off: z, but beyond a limit that stops it
     columns : per recording (N, k) change of the prediction over the noise per coordinate
     """
 
@@ -79,6 +80,7 @@ class Refit:
     space: Space
     z: np.ndarray
     covariance: np.ndarray
+    mean: np.ndarray
     columns: tuple
 
 
@@ -108,7 +110,7 @@ def refit(data, hypotheses, amplitudes, *, held=(), start=None, options=None):
     mean = now.z + np.where(stuck, np.diag(covariance) * slope, 0.0)
     return Refit(now.terms, space.estimates(now.z, mean, covariance), now.predicted, now.residual,
                  fit.before, now.cost, sum(one.runs for one in fit.recordings), space, now.z,
-                 covariance, fit.columns)
+                 covariance, mean, fit.columns)
 
 
 @dataclass(frozen=True)

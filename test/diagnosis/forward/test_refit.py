@@ -15,6 +15,7 @@ from arm_brachy.diagnosis.candidates import surface_places
 from arm_brachy.diagnosis.carried import Past
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.hypothesis import hypothesis
+from arm_brachy.diagnosis.law_error import widened
 from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.observables import KINDS, Measured, Observables, channels_of
 from arm_brachy.diagnosis.recording_fit import Data
@@ -22,6 +23,7 @@ from arm_brachy.diagnosis.refit import Options, refit
 from arm_brachy.tissue.terms.base_debond import BaseDebond
 from arm_brachy.tissue.terms.external_force import ExternalForce
 from arm_brachy.tissue.terms.inclusion import Inclusion
+from arm_brachy.tissue.terms.stiffness_gradient import StiffnessGradient
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
 STATES = np.array([1.5, 2.5, 4.5, 5.4, 6.5, 7.5, 8.0, 9.0])
@@ -258,6 +260,41 @@ def test_what_a_finer_model_adds_is_added(record, given):
     assert with_it.after < 0.6 * len(with_it.residual[0])
     gap = without.residual[0] - with_it.residual[0]
     assert np.sqrt(np.mean(gap ** 2)) > 5.0
+
+
+def test_a_law_that_errs_in_one_channel_moves_numbers_as_far_as_intervals_say(record, given):
+    """The effect on pad 1 along x is 5 % larger than the law has it; noise stays what it was."""
+    law, one = 0.05, hypothesis(StiffnessGradient)
+    data = replace(record((StiffnessGradient(gradient=(12.0, 0.0, 0.0)),), t=SOME, noise=0.1),
+                   baseline=given(SOME)[0])
+    start, fine = [np.zeros(3)], Options(tolerance=1e-4)
+    found = refit([data], (one,), start, options=fine)
+    plain = data.observables.residual(data.baseline.shown)
+    mine = np.array([(row.kind, row.channel, row.axis) == ('force', 'pad_1', 0)
+                     for row in data.observables.rows])
+    error = np.where(mine, law * (plain - found.residual[0]), 0.0)
+    wrong = replace(data, observables=Shifted(data.observables, error))
+    moved = refit([wrong], (one,), start, options=fine).z - found.z
+    wide = widened(found, [data], 1.0, law)[0]['gradient']
+    same = widened(found, [data], 1.0, 0.0)[0]['gradient']
+    assert same == found.estimates[0]['gradient']
+    half = [0.5 * width(estimate) / 1.6449 for estimate in (wide, same)]
+    chart, = found.space.charts
+    assert np.abs(moved[0]) > 0.1 * np.sqrt(found.covariance[0, 0])
+    assert half[0][0]**2 - half[1][0]**2 > (0.9 * chart.scale[0] * moved[0])**2
+
+
+class Shifted:
+    """Observables whose measured values lie higher by errors (N,) over the noise."""
+
+    def __init__(self, observables, errors):
+        self._inside, self._errors = observables, errors
+
+    def __getattr__(self, name):
+        return getattr(self._inside, name)
+
+    def residual(self, shown):
+        return self._inside.residual(shown) + self._errors
 
 
 def test_what_does_not_end_or_begin_is_told(record):
