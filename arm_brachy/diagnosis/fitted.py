@@ -21,7 +21,8 @@ from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 
 CORNER = 0.02       # of the largest travel, that a path may be off between its corners
-STATES = 20         # of each recording at which causes are fitted in full
+STATES = 20         # of each recording at which causes are fitted in full,
+SHOWING = 6         # and those in which they show most
 TO_90 = 1.645       # standard deviations to either end of a normal 90 % interval
 
 
@@ -32,6 +33,7 @@ class Fitted:
     hypotheses : hypothesis.Hypothesis each;  terms : of the registry, as found
     estimates : per hypothesis {field: cause.Estimate}
     refit : refit.Refit, None where it did not settle; its last term is the scale of the modulus
+    kept : per recording that may lack something (k,) numbers of the states they were fitted at
     scale : Estimate of the modulus over that of the model, fitted with them; None without refit
     notes : sentences
     """
@@ -40,6 +42,7 @@ class Fitted:
     terms: tuple
     estimates: tuple
     refit: Refit | None
+    kept: tuple
     scale: Estimate | None = None
     notes: tuple = ()
 
@@ -93,8 +96,10 @@ def fit_in_full(assembly, candidate, law):
     says so.
     """
     hypotheses, amplitudes, widths = sizes_of(assembly, candidate)
-    data = [_without_modulus(m) for m in assembly.matched[:len(assembly.matched)
-                                                          - assembly.sound]]
+    suspects = assembly.matched[:len(assembly.matched) - assembly.sound]
+    kept = tuple(_kept(m, effect) for m, effect in zip(suspects, _effects(assembly, candidate),
+                                                       strict=False))
+    data = [_without_modulus(m, some) for m, some in zip(suspects, kept, strict=True)]
     modulus = hypothesis(StiffnessScale)
     try:
         refuse_costly(hypotheses)
@@ -104,14 +109,14 @@ def fit_in_full(assembly, candidate, law):
         estimates = tuple(_linear(*x) for x in zip(hypotheses, amplitudes, widths, strict=True))
         terms = tuple(one.term(a) for one, a in zip(hypotheses, amplitudes, strict=True))
         names = ' and '.join(one.name for one in hypotheses)
-        return Fitted(hypotheses, terms, estimates, None, None, (
+        return Fitted(hypotheses, terms, estimates, None, kept, None, (
             f'The full fit of {names} did not settle ({error}); its numbers are those of the '
             'linear answer.',))
     n, estimates = len(hypotheses), found.estimates
     if any(term.stage is Stage.BODY for term in found.terms[:n]):
         estimates = widened(found, data, found.terms[n].factor, law)
     return Fitted(hypotheses, found.terms[:n], tuple(estimates[i] for i in range(n)), found,
-                  estimates[n]['factor'])
+                  kept, estimates[n]['factor'])
 
 
 def refuse_costly(hypotheses):
@@ -122,11 +127,27 @@ def refuse_costly(hypotheses):
                                'hours')
 
 
-def _without_modulus(m):
+def _effects(assembly, candidate):
+    """(N,) effect of a candidate over the noise, a part for each recording."""
+    effect = np.hstack([e.columns for e in candidate.explanations]) @ candidate.mean
+    return np.split(effect, np.cumsum([len(m.r) for m in assembly.matched])[:-1])
+
+
+def _kept(m, effect=None):
+    """Numbers (k,) of the states of a Matched for a full fit; effect : (N,) or None."""
+    n = len(m.recorded.states.t)
+    even = np.unique(np.linspace(0, n - 1, min(n, STATES)).round().astype(int))
+    if effect is None:
+        return even
+    shown = np.bincount(m.observables.states, effect**2, minlength=n)
+    return np.union1d(even, np.argsort(-shown, kind='stable')[:SHOWING])
+
+
+def _without_modulus(m, states):
     """refit.Data of a Matched in which the modulus is no nuisance: other numbers are relative to
     it, so that it is fitted in full with them.
     """
-    data = data_of(m)[0]
+    data = data_of(m, states)
     kept = np.array([name != 'modulus' for name in m.nuisances.names], dtype=bool)
     return replace(data, U=data.U[:, kept])
 
@@ -160,15 +181,13 @@ def _linear(hypothesis, amplitude, width):
     return out
 
 
-def data_of(m):
-    """(refit.Data of a Matched at some of its states, their numbers (k,))."""
-    n = len(m.recorded.states.t)
-    kept = np.unique(np.linspace(0, n - 1, min(n, STATES)).round().astype(int))
+def data_of(m, kept):
+    """refit.Data of a Matched at the states of numbers `kept` (k,)."""
     observables = m.observables.at(kept)
     U = observables.whiten({kind: v[kept] for kind, v in m.nuisances.values.items()})
     return Data(m.baseline.model.specimen, _coarse(m.recorded.path, m.recorded.states.t[kept]),
                 m.recorded.states.t[kept], observables, U, m.baseline.model.terms,
-                m.baseline.take(kept)), kept
+                m.baseline.take(kept))
 
 
 def _coarse(path, t):
@@ -186,7 +205,8 @@ def parts_of(assembly, fitted, ratio):
     """
     out = []
     for i, m in enumerate(assembly.matched[:len(assembly.matched) - assembly.sound]):
-        data, kept = data_of(m)
+        kept = _kept(m) if fitted is None else fitted.kept[i]
+        data = data_of(m, kept)
         kinds = np.array(m.recorded.kinds, dtype=object)[kept][data.observables.states]
         shown = {kind: values[kept] for kind, values in m.baseline.shown.items()}
         named, columns = data.observables.residual(shown), np.zeros((len(kinds), 0))

@@ -11,7 +11,7 @@ from arm_brachy.core.errors import InputError
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.specimen import attach
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
-from arm_brachy.diagnosis.trajectory import Equilibria, grid, remembers, stepped
+from arm_brachy.diagnosis.trajectory import Equilibria, grid, partners, remembers, stepped
 from arm_brachy.diagnosis.transmission import Path, balanced, transmitted, yields
 from arm_brachy.registry import TERMS, split
 
@@ -84,8 +84,11 @@ class ForwardModel:
         if not yields(self.terms, encoder):
             return transmitted(self.terms, encoder)
 
+        # the same instants in every pass: corners that come and go would make the forces jump
+        instants = self._instants(encoder, np.unique(t), kinks=True)
+
         def effort_of(path):
-            states = self.trajectory(path, t, kinks=True)
+            states = self._states(path, *instants)
             push = -np.einsum('mpi,pi->mp', states.force, self.directions)
             seen = states.valid
             return Path(states.t[seen], push[seen]).at(encoder.t)
@@ -101,11 +104,20 @@ class ForwardModel:
         if self.remembers and self._past is not None:
             return self._past.trajectory(self.body, self.body_terms, t,
                                          path.at(t)[:, :, None] * self.directions, self._options)
-        times = grid(path, t) if self.remembers or kinks else t
+        return self._states(path, *self._instants(path, t, kinks))
+
+    def _instants(self, path, t, kinks):
+        """(times (m,) to ask for, partner (m,) as in `Equilibria.trajectory`)."""
+        if not self.remembers and not kinks:
+            return t, None
+        times = grid(path, t)
+        return times, None if self.remembers else partners(path.at(times), ~np.isin(times, t))
+
+    def _states(self, path, times, partner):
         pads = path.at(times)[:, :, None] * self.directions
         if self.remembers:
             return stepped(self.specimen.body, self.body_terms, times, pads, self._options)
-        return self.equilibria.trajectory(times, pads, ~np.isin(times, t) if kinks else None)
+        return self.equilibria.trajectory(times, pads, partner)
 
     def lateness(self, kind):
         """By how much the stamps of a stream are late [s]."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.assembly import features_of, structured_tests
-from arm_brachy.diagnosis.fitted import data_of, fit_in_full, parts_of
+from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
 from arm_brachy.diagnosis.held_out import stacked
 from arm_brachy.diagnosis.law_error import by_channel
 from arm_brachy.diagnosis.model_error import Accuracy
@@ -34,19 +34,28 @@ class FullFits:
     def check(self, candidate):
         """The adequacy.Scan of what it leaves, its numbers free to first order."""
         found = self.of(candidate)
-        problem = self._assembly.problem
         if found.refit is None:
-            U = np.hstack([problem.U, *(e.columns for e in candidate.explanations)])
-            return scan(U, problem.r, problem.tests, self._rng)
+            return self._linear(candidate)
         parts = parts_of(self._assembly, found, 1.0)
-        features = [{name: values[data_of(m)[1]] for name, values in features_of(m).items()}
-                    for m in self._assembly.matched]
-        tests, _ = structured_tests(
-            [(part.observables, f) for part, f in zip(parts, features, strict=False)])
+        tests, _ = structured_tests([
+            (part.observables, {name: values[kept] for name, values in features_of(m).items()})
+            for part, m, kept in zip(parts, self._assembly.matched, found.kept, strict=False)])
         effect = np.concatenate([part.r - residual for part, residual in
                                  zip(parts, found.refit.residual, strict=True)])
-        U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts]),
-                       by_channel([part.observables for part in parts], self._law * effect)])
+        U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts])])
+        return self._scan(U, np.concatenate([part.named for part in parts]), tests, effect,
+                          [part.observables for part in parts])
+
+    def _linear(self, candidate):
+        """The Scan of what the linear answer leaves."""
+        problem, found = self._assembly.problem, candidate.explanations
+        columns = np.hstack([e.columns for e in found])
+        return self._scan(np.hstack([problem.U, columns]), problem.r, problem.tests,
+                          columns @ candidate.mean,
+                          [m.observables for m in self._assembly.matched])
+
+    def _scan(self, U, r, tests, effect, observables):
+        """The Scan beside U of r (N,) with an effect (N,) in it that a law knows so far."""
+        U = np.hstack([U, by_channel(observables, self._law * effect)])
         weight = 1.0 / np.sqrt(1.0 + np.square(self._law * effect))
-        return scan(weight[:, None] * U, weight * np.concatenate([p.named for p in parts]),
-                    weight[:, None] * tests, self._rng)
+        return scan(weight[:, None] * U, weight * r, weight[:, None] * tests, self._rng)

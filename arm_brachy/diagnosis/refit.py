@@ -42,8 +42,9 @@ GOOD = 0.5          # of it, for a larger one to be tried next
 # any step that lowered the cost as they said it would.
 NEAR, TRUE = 0.5, 0.02
 STATICS = NewtonOptions(tolerance=1e-8)     # m: a hundredth of what any tracker averages to
-# A lump that moves through points of quadrature ripples the cost: where no step of a quarter of
-# the tolerance helps, the end may promise a standard deviation, and the interval has it.
+# A lump that moves through points of quadrature, or a support through nodes, ripples the cost:
+# where no step of a quarter of the tolerance helps, or all runs are made, the end may promise a
+# standard deviation, and the interval has it.
 TINY, ROUGH = 0.25, 0.5
 
 
@@ -179,7 +180,8 @@ class _Fit:
             rest, left = self.promise(now, slope, curvature, np.inf)
             step, promised = self.promise(now, slope, curvature, region)
             tiny = fresh and promised < TINY * self.options.tolerance
-            if left < self.options.tolerance or tiny and left < ROUGH:
+            spent = max(one.runs for one in self.recordings) >= self.options.runs
+            if left < self.options.tolerance or (tiny or spent) and left < ROUGH:
                 return now, slope, np.linalg.inv(curvature) + np.outer(rest, rest)
             self.refuse_endless(left, tiny)
             ahead = self.at(now.z + step)

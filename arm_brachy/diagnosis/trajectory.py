@@ -85,16 +85,15 @@ class Equilibria:
         shift = self.body.mesh.nodes - other.body.mesh.nodes
         self._pads, self._x = other._pads.copy(), [x + shift for x in other._x]
 
-    def trajectory(self, t, pads, passing=None):
+    def trajectory(self, t, pads, partner=None):
         """Return the Trajectory at t (m,) [s] with the pads at `pads` (m, p, 3) [m].
 
-        passing : (m,) True for instants that matter for memories alone: with pads close to those
-            of another instant they share its state
+        partner : (m,) number of the instant whose state is taken (`partners`), None = its own
         Instants with pads in one place share a solve; places are visited nearest first.
         """
         flat = pads.reshape(len(t), -1)
-        if passing is not None:
-            flat = _shared(flat, passing)
+        if partner is not None:
+            flat = flat[partner]
         _, first, back = np.unique(np.round(flat / ALIKE), axis=0, return_index=True,
                                    return_inverse=True)
         found = [None] * len(first)
@@ -119,13 +118,17 @@ class Equilibria:
         return solution
 
 
-def _shared(flat, passing):
-    """Places (m, d) with those in `passing` (m,) moved to the nearest other one if it is close."""
-    out, kept = flat.copy(), list(np.flatnonzero(~passing))
+def partners(pads, passing):
+    """Return (m,) the instant of the nearest pads, where that is near, for instants in passing.
+
+    pads : (m, p) [m];  passing : (m,) True for instants that matter for memories alone
+    Others, and those that have no near one, are their own.
+    """
+    out, kept = np.arange(len(pads)), list(np.flatnonzero(~passing))
     for i in np.flatnonzero(passing):
-        off = np.abs(flat[kept] - flat[i]).max(axis=1)
+        off = np.abs(pads[kept] - pads[i]).max(axis=1)
         if off.min(initial=np.inf) <= PASSING:
-            out[i] = flat[kept[int(off.argmin())]]
+            out[i] = kept[int(off.argmin())]
         else:
             kept.append(i)
     return out
