@@ -33,9 +33,10 @@ class Rules:
                                source='own choice: e^-8 by chance (Markov), thirty causes: 1 %')
     held_out: float = quantity(3.0, '', 'least gain in predicting kinds held out', low=0.0,
                                high=1e3, source='own choice: odds of 20')
-    certain: float = quantity(30.0, '', 'gain in evidence of what kinds held out need not show, '
-                              'only not gainsay: what shows at rest alone is learnt from any',
-                              low=0.0, high=1e4, source='own choice: 7.5 standard deviations')
+    certain: float = quantity(15.0, '', 'gain in evidence of what kinds held out need not show, '
+                              'only not gainsay: what shows at rest alone, or is calibrated to '
+                              'less, is learnt from any', low=0.0, high=1e4,
+                              source='own choice: 5.5 standard deviations')
     rival: float = quantity(4.0, '', 'least lead in evidence over a rival that is alike',
                             low=0.0, high=1e3, source='own choice: odds of 50')
     apart: float = quantity(3.0, '', 'separation below which two causes are one class [sd]',
