@@ -6,6 +6,9 @@ from arm_brachy.core.term import Kind
 from arm_brachy.diagnosis.candidates import Occasions
 from arm_brachy.registry import by_name
 
+PUT_RIGHT = ('clock_offset',)   # in the states themselves (`recorded.look`)
+SEEN_BETTER = ('marker_slip',)  # by a model: how far it went while pads moved, no jump tells
+
 
 @dataclass(frozen=True)
 class Given:
@@ -13,7 +16,8 @@ class Given:
 
     certain : (finding, recording) that name a term and have no rival in the tissue: the model
         gets them before anything else is looked for
-    open : that name a term which tissue may imitate: left to the comparison with the model
+    open : that name a term which tissue may imitate, or which a model sees better: left to the
+        comparison with the model
     nameless : that name none, silence of a stream left out: it is no departure from the model
     """
 
@@ -23,9 +27,9 @@ class Given:
 
     @property
     def terms(self):
-        """Terms of the certain findings, one each."""
+        """Terms of the certain findings, one each, but for what the states have right already."""
         kept = {}
-        for finding, _ in self.certain:
+        for finding in (f for f, _ in self.certain if f.term not in PUT_RIGHT):
             kept.setdefault((finding.term, repr(finding.parameters)), finding)
         return tuple(by_name(f.term)(**_plain(f)) for f in kept.values())
 
@@ -43,7 +47,7 @@ def given(recorded, known=()):
                 continue
             if finding.term is None:
                 nameless += [(finding, one.name)] if finding.unit != 's' else []
-            elif any(_in_tissue(rival) for rival in finding.rivals):
+            elif finding.term in SEEN_BETTER or any(map(_in_tissue, finding.rivals)):
                 open_.append((finding, one.name))
             else:
                 certain.append((finding, one.name))

@@ -40,6 +40,20 @@ def test_play_is_handed_on_as_a_term_and_nothing_else_is(looked, sound):
     assert term.width == pytest.approx(0.5e-3, rel=0.1)
 
 
+def test_a_late_clock_is_told_and_put_right_in_the_states_not_in_the_model_again(looked, sound):
+    late = looked({'name': 'clock_offset', 'stream': 'optical', 'delay_ms': 30.0})
+    found = given((late,))
+    assert [f.term for f, _ in found.certain] == ['clock_offset'] and found.terms == ()
+    shown, plain = (one.states.streams['optical'] for one in (late, sound))
+    # at 16 mm/s the pad markers would be 0.5 mm behind
+    assert np.nanmedian(np.abs(shown.values - plain.values)) < 1e-4
+
+
+def test_how_far_a_marker_slipped_is_left_to_the_model(looked):
+    found = given((looked(SLIP),))
+    assert not found.certain and [f.term for f, _ in found.open] == ['marker_slip']
+
+
 def test_what_a_sound_recording_shows_as_well_is_no_news(looked):
     one = looked(PLAY)
     assert given((one,), known=one.structure.findings).certain == ()
