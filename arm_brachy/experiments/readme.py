@@ -109,10 +109,7 @@ def _solvers(results):
 
 
 def _diagnosis(results):
-    name = diagnosis_totals.NAME
-    if not (results / f'{name}.json').is_file():
-        return f'Not measured yet: there is no results/{name}.json.'
-    return diagnosis_totals.markdown(_load(results, name))
+    return diagnosis_totals.markdown(_load(results, diagnosis_totals.NAME))
 
 
 def _number(value, form):
