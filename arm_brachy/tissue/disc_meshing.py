@@ -4,16 +4,12 @@ Test: test_refinement.py
 """
 
 import contextlib
-import tempfile
 
 import igl
 import numpy as np
-import pytetwild
 import trimesh
 
-from arm_brachy.core.errors import MeshError
-from arm_brachy.tissue.body import TetMesh
-from arm_brachy.tissue.element import signed_volumes
+from arm_brachy.tissue.meshing import positive, tetrahedralize
 from arm_brachy.tissue.outlines import follow_rims
 from arm_brachy.tissue.rims import FlatElement, fit_rim, frame, not_flat
 from arm_brachy.tissue.surface import read_surface
@@ -48,18 +44,7 @@ def _with_discs(source, patches, edge_length, envelope, depth, unit):
     surface, _ = read_surface(source, unit=unit)
     parts = [surface, *(_plug(patch, depth) for patch in patches)]
     together = trimesh.util.concatenate(parts)
-    diagonal = np.linalg.norm(together.extents)
-    try:
-        # The mesher leaves a file of its own in the working directory, so it gets one to itself.
-        with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-            nodes, tets = pytetwild.tetrahedralize(
-                np.ascontiguousarray(together.vertices),
-                np.ascontiguousarray(together.faces, np.int32),
-                edge_length_abs=float(edge_length), epsilon=float(envelope / diagonal),
-                num_threads=1, quiet=True)
-    except RuntimeError as error:
-        raise MeshError(f'the mesher gave up: {error}; try another edge length') from None
-    mesh = _inside(surface, np.asarray(nodes, float), np.asarray(tets, np.int64))
+    mesh = _inside(surface, *tetrahedralize(together, edge_length, envelope))
     for patch in patches:
         mesh = fit_rim(mesh, patch, reach=1.5 * envelope)
     return not_flat(follow_rims(mesh, patches, surface))
@@ -76,12 +61,8 @@ def _plug(patch, depth):
 
 
 def _inside(surface, nodes, tets):
-    """The elements with their centre inside a closed surface, positive, without unused nodes."""
+    """TetMesh of the elements with their centre inside a closed surface."""
     winding = igl.fast_winding_number(np.ascontiguousarray(surface.vertices),
                                       np.ascontiguousarray(surface.faces, np.int64),
                                       nodes[tets].mean(axis=1))
-    tets = tets[winding > 0.5]
-    inverted = signed_volumes(nodes, tets) < 0.0
-    tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
-    used, tets = np.unique(tets, return_inverse=True)
-    return TetMesh(nodes[used], tets.reshape(-1, 4))
+    return positive(nodes, tets[winding > 0.5])

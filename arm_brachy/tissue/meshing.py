@@ -189,7 +189,15 @@ def _first_guess(surface, n_tets):
 
 
 def _mesh(surface, edge_length, envelope, repairs):
-    diagonal = np.linalg.norm(surface.extents)
+    mesh = positive(*tetrahedralize(surface, edge_length, envelope * edge_length))
+    return mesh, _report(surface, mesh, edge_length, repairs)
+
+
+def tetrahedralize(surface, edge_length, envelope):
+    """Return (nodes (n, 3) [m], tets (m, 4)) of one call of the mesher, corners in its order.
+
+    surface : trimesh.Trimesh [m];  edge_length, envelope : [m]. Raises MeshError if it gives up.
+    """
     try:
         # The mesher leaves a file of its own in the working directory, so it gets one to itself.
         with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
@@ -197,17 +205,17 @@ def _mesh(surface, edge_length, envelope, repairs):
                 np.ascontiguousarray(surface.vertices),
                 np.ascontiguousarray(surface.faces, np.int32),
                 edge_length_abs=float(edge_length),
-                epsilon=float(envelope * edge_length / diagonal), num_threads=1, quiet=True)
+                epsilon=float(envelope / np.linalg.norm(surface.extents)), num_threads=1,
+                quiet=True)
     except RuntimeError as error:
         raise MeshError(f'the mesher gave up: {error}; try another edge length') from None
     if len(tets) == 0:
         raise MeshError('the mesher returned no element; try another edge length')
-    mesh = _positive(np.asarray(nodes, float), np.asarray(tets, np.int64))
-    return mesh, _report(surface, mesh, edge_length, repairs)
+    return np.asarray(nodes, float), np.asarray(tets, np.int64)
 
 
-def _positive(nodes, tets):
-    """Order corners so that every volume is positive, and drop nodes no element uses."""
+def positive(nodes, tets):
+    """Return the TetMesh with corners so that volumes are positive, without unused nodes."""
     inverted = signed_volumes(nodes, tets) < 0.0
     tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
     used, tets = np.unique(tets, return_inverse=True)
