@@ -17,12 +17,11 @@ from arm_brachy.diagnosis.colour import (
     variogram,
 )
 from arm_brachy.diagnosis.motion import motion_of
+from arm_brachy.diagnosis.rests import ENOUGH_IDLE, SETTLING, over_rests, rest_spans
 from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL
 
-SETTLING = 0.2       # s after the pads have stopped that are no idle
 LATER_PART = 0.5     # of a later stretch that is taken: its end, when the tissue has settled
 LEAST_IDLE = 20      # samples of idle below which the data sheet is asked
-ENOUGH_IDLE = 5.0    # s of idle before the first push that make later stretches needless
 SILENT = 1e-3        # of the data sheet's noise: no sensor has less
 ENOUGH_VALUES = 20_000   # to see the counts of a digitised signal
 PRIOR_SAMPLES = 30   # idle samples that the pooled variance of a stream counts for
@@ -77,11 +76,14 @@ def noise_of(evidence, devices=None):
         None = their defaults
     Idle is the time before the first push, and if that is less than 5 s also the second half of
     the later stretches in which the pads stand; of a body without pads it is the last fifth of the
-    recording. What may be creep is taken out as a parabola. Variances of channels are pooled, the
-    pool weighing 30 samples; an encoder that shows no noise has that of its quantisation.
+    recording. What may be creep is taken out as a parabola. Noise that outlasts such stretches
+    shows between rests without a push, if these are the idle (`over_rests`). Variances of channels
+    are pooled, the pool weighing 30 samples; an encoder that shows no noise has that of its
+    quantisation.
     """
     spans = idle_spans(evidence)
-    return {kind: _noise(stream, spans, devices or {}) for kind, stream in
+    rests = rest_spans(evidence)
+    return {kind: _noise(stream, spans, rests, devices or {}) for kind, stream in
             evidence.streams.items()}
 
 
@@ -107,7 +109,7 @@ def idle_spans(evidence):
     return tuple(spans)
 
 
-def _noise(stream, spans, devices):
+def _noise(stream, spans, rests, devices):
     stretches = [piece for start, end, settled in spans for piece in pieces(
         int(np.searchsorted(stream.t, start)), int(np.searchsorted(stream.t, end)), settled)]
     seen = sum(int(stream.valid[s.start:s.stop].any(axis=1).sum()) for s in stretches)
@@ -121,7 +123,8 @@ def _noise(stream, spans, devices):
     gamma, pairs = variogram(stream.values.reshape(len(stream.t), -1),
                              np.repeat(stream.valid, c, axis=1), lags, stretches)
     short = _shrunk(gamma[0].reshape(k, c), pairs[0].reshape(k, c))
-    colour, ratio = _pooled_colour(gamma, pairs, lags, short.ravel(), stream.period, stretches)
+    colour, ratio = over_rests(stream, rests) or _pooled_colour(
+        gamma, pairs, lags, short.ravel(), stream.period, stretches)
     floor = quantum(stream.values[np.isfinite(stream.values)]) / np.sqrt(12.0)
     if floor ** 2 > short.max() * ratio:   # what is seen are single counts, not noise
         colour = Colour()

@@ -1,0 +1,65 @@
+"""Noise with a memory longer than any rest, found between rests."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from arm_brachy.core.random import stream as draws
+from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.rests import over_rests, rest_spans
+from arm_brachy.diagnosis.stream import FORCE, Stream
+
+PERIOD, SD, SHARE, TIME = 0.01, 0.03, 0.36, 1.2
+RESTS = tuple((1.5 * i, 1.5 * i + 0.4) for i in range(40))     # 1.1 s of pushes between them
+
+
+@pytest.fixture
+def forces():
+    """Four pads' forces at rest and pushed, with white noise and noise that remembers."""
+    rng, n, a = draws(3, 'rests'), 6000, np.exp(-PERIOD / TIME)
+    slow = lfilter([np.sqrt(1.0 - a**2)], [1.0, -a], rng.standard_normal((n, 12)), axis=0)
+    noise = SD * (np.sqrt(SHARE) * slow + np.sqrt(1.0 - SHARE) * rng.standard_normal((n, 12)))
+    t = PERIOD * np.arange(n)
+    pushed = np.all([(t < a) | (t >= b) for a, b in RESTS], axis=0)
+    return Stream(FORCE, t, tuple('abcd'), (noise + pushed[:, None]).reshape(n, 4, 3),
+                  np.ones((n, 4), dtype=bool), tuple('abcd'), np.zeros((4, 3)))
+
+
+def test_memory_longer_than_a_rest(forces):
+    colour, variance = over_rests(forces, RESTS)
+    assert colour.share == pytest.approx(SHARE, abs=0.08)
+    assert colour.time == pytest.approx(TIME, rel=0.4)
+    assert variance * (1.0 - colour.share) == pytest.approx(1.0, abs=0.05)  # the shortest is white
+
+
+def test_one_pad_under_which_the_tissue_recovers_is_no_noise(forces):
+    memory = forces.values.copy()
+    memory[:, 0] += 0.2 * np.sin(0.5 * forces.t)[:, None]
+    seen = over_rests(Stream(FORCE, forces.t, forces.names, memory, forces.valid, forces.bodies,
+                             forces.rest), RESTS)
+    assert seen[0].share == pytest.approx(SHARE, abs=0.08)
+
+
+def test_a_drift_of_all_channels_is_no_noise(forces):
+    drift = forces.values + 0.02 * forces.t[:, None, None]
+    assert over_rests(Stream(FORCE, forces.t, forces.names, drift, forces.valid, forces.bodies,
+                             forces.rest), RESTS) is None
+
+
+def test_white_noise_stays_white(forces):
+    white = draws(4, 'white').standard_normal(forces.values.shape)
+    found = over_rests(Stream(FORCE, forces.t, forces.names, white, forces.valid, forces.bodies,
+                              forces.rest), RESTS)
+    assert found is None or found[0].share < 0.05
+
+
+@pytest.mark.parametrize('before, found', [(1.0, True), (6.0, False)])
+def test_rests_count_where_the_first_is_short(laboratory, pushes, before, found):
+    lab = laboratory((), 8)
+    run = lab.record(pushes(pads=(0, 1, 0, 1), speeds=(0.02,)), rest=before)
+    spans = rest_spans(evidence_of(run, lab.scene))
+    assert bool(spans) == found
+    pad = run.encoder
+    for start, end in spans:
+        inside = (pad.t > start) & (pad.t < end)
+        assert np.abs(pad.values[inside]).max() < 1e-4
