@@ -94,16 +94,18 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     tried = try_all(matched, occasions, lambda done, of, name: say(STEPS[2], done / of))
     say(STEPS[3], 0.0)
     assembly, fits, judge = _judged(matched, tried, len(null), provenance.seed, accuracy)
-    fault = mesh_fault(matched, judge.singles()[0].evidence)
+    fault, slight = mesh_fault(matched, judge.singles()[0].evidence), ()
     if fault is not None:
         for one in tests:
             one.loosen(SYSTEMATIC, ALLOWED)
         assembly, fits, judge = _judged(matched, tried, len(null), provenance.seed, accuracy)
+        if not fault.material:
+            fault, slight = None, (fault.note,)
     decision = judge.decide()
     provenance = replace(provenance, recordings=_recordings(looked, tested, sound))
     request = asked(assembly, decision, ensemble, calibration)
-    return _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, left_out,
-                   fault, request)
+    return _answer(assembly, decision, fits, found, looked, tests, provenance, ratio,
+                   (*left_out, *slight), fault, request)
 
 
 def _judged(matched, tried, sound, seed, accuracy):

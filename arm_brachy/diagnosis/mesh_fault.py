@@ -15,14 +15,32 @@ from arm_brachy.diagnosis.stream import FORCE
 # 350, 605 quadratic ones 60 to 120, 2275 with another mesh of that size as truth -9 to 9.
 AT_FAULT = 20.0
 ALLOWED = 10.0      # times its standard deviation, of a mesh that is at fault
+# Root mean square, in standard deviations of a single state, that a better mesh must change to be
+# worth having: below a half the model is as good as the data.
+MATERIAL = 0.5
 
 
 @dataclass(frozen=True)
 class MeshFault:
-    """gain : evidence;  error : cause.Estimate [m], rms of the motion a better mesh changes"""
+    """gain : evidence;  error : cause.Estimate [m], rms of the motion a better mesh changes
+
+    share : rms of what it changes in all streams, in standard deviations of a single state
+    """
 
     gain: float
     error: Estimate
+    share: float
+
+    @property
+    def material(self):
+        """True if another mesh is worth it."""
+        return self.share >= MATERIAL
+
+    @property
+    def note(self):
+        """A sentence on a mesh that is good enough."""
+        return (f'A finer mesh would change positions by {1e3 * self.error.value:.3f} mm (rms), '
+                f'{100 * self.share:.0f} % of what a single state can tell; that is allowed for.')
 
     def cause(self):
         """The cause.Cause 'discretisation'."""
@@ -45,20 +63,24 @@ def mesh_fault(matched, physics):
     for m in matched:
         m.loosen(SYSTEMATIC, ALLOWED)
     U = np.where(better, ALLOWED, 1.0) * U
-    return MeshFault(float(gain), _error(matched, U, r, better))
-
-
-def _error(matched, U, r, better):
-    """Estimate [m] of the rms over all positions of what the systematic columns explain."""
     fit = posterior(U, r)
     part = np.where(better, fit.mean, 0.0)
     moved = U @ part
+    return MeshFault(float(gain), _error(matched, fit, part, moved),
+                     float(np.sqrt(np.mean(moved**2))))
+
+
+def _error(matched, fit, part, moved):
+    """Estimate [m] of the rms over all positions of what the systematic columns explain.
+
+    fit : inference.posterior;  part : (k,) of its mean that is theirs;  moved : (N,) by it
+    """
     ends = np.cumsum([0, *(len(m.r) for m in matched)])
     plain = np.concatenate([m.observables.coloured(moved[a:b]) for m, a, b in
                             zip(matched, ends[:-1], ends[1:], strict=True)])
     position = np.array([row.kind != FORCE for m in matched for row in m.observables.rows])
     size = float(np.sqrt(np.mean(plain[position]**2)))
-    some = np.flatnonzero(better)
+    some = np.flatnonzero(part)
     spread = np.sqrt(np.trace(fit.covariance(some)) / max(part @ part, 1e-12))
     reach = min(TO_90 * float(spread), 1.0) * size
     return Estimate(size, size - reach, size + reach)
