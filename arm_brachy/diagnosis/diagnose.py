@@ -14,7 +14,7 @@ from arm_brachy.diagnosis.asking import asked
 from arm_brachy.diagnosis.assembly import assemble
 from arm_brachy.diagnosis.decide import Judge
 from arm_brachy.diagnosis.diagnosis import Diagnosis
-from arm_brachy.diagnosis.figures import Trace, body_of
+from arm_brachy.diagnosis.figures import body_of
 from arm_brachy.diagnosis.fitted import parts_of, tested_part
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.free_answer import free_answer
@@ -34,6 +34,7 @@ from arm_brachy.diagnosis.recorded import look
 from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.statements import Recording
 from arm_brachy.diagnosis.states import LIMIT
+from arm_brachy.diagnosis.traces import traces
 
 FEWEST = 12         # states of a recording that are worth comparing
 MOST = 200          # states of all recordings together
@@ -187,7 +188,7 @@ def _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, l
         apart=min((float(c.separation) for c in decision.equals), default=None),
         findings=tuple(f for one in looked for f in one.structure.findings), notes=tuple(notes))
     return Answer(diagnosis, Shown(body_of(scene, specimen.mesh),
-                                   _traces(assembly, left if explanations else None)))
+                                   traces(assembly, left if explanations else None)))
 
 
 def _verdict(verdict, causes, fault, nameless):
@@ -236,28 +237,3 @@ def _with_findings(found, scene, causes, where, when, leads):
 
 def _notes(looked):
     return [note for one in looked for note in one.prepared.evidence.notes]
-
-
-def _traces(assembly, named):
-    """figures.Trace of every stream of every recording; named : (N,) left with what was found."""
-    before, out = conclude.left_over(assembly, ()), []
-    rows = np.arange(len(before))
-    for m, mine in conclude.split_rows(assembly, rows):
-        kinds = np.array([row.kind for row in m.observables.rows])
-        lines = [m.observables.coloured(values[mine]) for values in (before, named)
-                 if values is not None]
-        for kind in dict.fromkeys(kinds.tolist()):
-            here, n = kinds == kind, len(m.recorded.states.t)
-            states = m.observables.states[here]
-            drawn = [_over_states(states, line[here], n) for line in lines]
-            floor = float(np.sqrt(np.mean(m.observables.sd[here]**2)))
-            out.append(Trace(m.recorded.name, kind, m.recorded.states.t, drawn[0], floor,
-                             drawn[1] if named is not None else None))
-    return tuple(out)
-
-
-def _over_states(states, values, n):
-    """(n,) root mean square of values at every state; NaN where there is none."""
-    count = np.bincount(states, minlength=n).astype(float)
-    count[count == 0.0] = np.nan
-    return np.sqrt(np.bincount(states, values**2, minlength=n) / count)
