@@ -5,6 +5,7 @@ Each module has a NAME, as on the command line, and `reproduce(folder)`, which t
 """
 
 from arm_brachy.experiments import (
+    diagnosis_laboratories,
     diagnosis_study,
     dome_rig,
     element_accuracy,
@@ -17,4 +18,5 @@ from arm_brachy.experiments import (
 
 EXPERIMENTS = {module.NAME: module.reproduce
                for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig,
-                             element_accuracy, reduced_model, diagnosis_study)}
+                             element_accuracy, reduced_model, diagnosis_study,
+                             diagnosis_laboratories)}

@@ -6,7 +6,8 @@
 - wrong: a claim of something that is not there, also beside what is. abstained: 'unexplained'
   without a wrong cause. silent: nothing is missing. failed: no answer.
 - A modulus is no cause but recalibrated: for stiffness_scale, silence with the modulus within
-  TOLERANCE of its departure is right. Damping does nothing to a quasi-static body: silence is.
+  TOLERANCE of its departure is right. Damping does nothing to a quasi-static body, a lag before
+  the encoders nothing to a model that they drive: silence is right.
 - A mesh at fault (discretisation) is no wrong claim: model and patient have different meshes.
 """
 
@@ -18,7 +19,7 @@ from arm_brachy.experiments.diagnosis_plan import SCENE
 from arm_brachy.registry import by_name
 
 MESH = 'discretisation'
-INERT = ('damping',)            # without effect on a quasi-static body
+INERT = ('damping', 'actuator_lag')     # see the head
 RECALIBRATED = 'stiffness_scale'
 TOLERANCE = 0.2                 # of a parameter, and of the held-out error over an oracle's
 NEAR, SOON = 10e-3, 0.5         # m, s: a right place (half a pad) and a right onset

@@ -11,7 +11,7 @@ import numpy as np
 
 from arm_brachy import graph, registry
 from arm_brachy.core.paths import share_dir
-from arm_brachy.experiments import diagnosis_totals
+from arm_brachy.experiments import diagnosis_laboratories, diagnosis_totals
 
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
 
@@ -112,6 +112,10 @@ def _diagnosis(results):
     return diagnosis_totals.markdown(_load(results, diagnosis_totals.NAME))
 
 
+def _laboratories(results):
+    return diagnosis_laboratories.markdown(_load(results, diagnosis_laboratories.NAME))
+
+
 def _number(value, form):
     return '-' if value is None else f'{value:{form}}'
 
@@ -126,7 +130,7 @@ def _mean(rows, key):
 
 
 BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers,
-            'diagnosis': _diagnosis}
+            'diagnosis': _diagnosis, 'laboratories': _laboratories}
 
 
 def main():

@@ -49,7 +49,8 @@ class ActuatorLag(ActuationTerm):
         summary='the motor follows its set point late',
         equation="tau y'(t) + y(t) = u(t - D)",
         source='definition: first-order lag with dead time',
-        invisible_when='only rest positions are recorded; with one constant speed and no hold it '
+        invisible_when='encoders are recorded: they show the motor late and drive the model; only '
+                       'rest positions are recorded; with one constant speed and no hold it '
                        'equals an offset; without the encoder it equals a clock offset')
 
     def memory(self, q0):

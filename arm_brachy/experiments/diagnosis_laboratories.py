@@ -1,0 +1,117 @@
+"""Recordings of other laboratories through the diagnosis: one is fitted, another is held out.
+
+Nothing is tuned and nothing is told but the scene: a dome pushed by four discs, recorded by
+another code in which nothing is hidden, and a silicone beam that was held and let go, with and
+without a weight at its end, each of them twice.
+"""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from arm_brachy.core import config
+from arm_brachy.core.paths import config_dir, share_dir
+from arm_brachy.core.scene import load_scene
+from arm_brachy.diagnosis.diagnose import diagnose
+from arm_brachy.diagnosis.diagnosis import Provenance
+from arm_brachy.diagnosis.evidence import load_evidence
+from arm_brachy.diagnosis.page import write_diagnosis
+from arm_brachy.diagnosis.statements import edge_unit
+from arm_brachy.diagnosis.wording import spoken
+from arm_brachy.evaluation.result import Result, commit_of, machine_description
+from arm_brachy.experiments import dome_rig, recordings, silicone_beam
+from arm_brachy.experiments.parallel import process_pool
+from arm_brachy.recording.import_c3d import C3dImport, import_c3d
+from arm_brachy.recording.import_csv import import_csv
+from arm_brachy.recording.scene_import import import_scene
+
+NAME = 'diagnosis-laboratories'
+SEED = 0
+DOME_PAIRS = (('A', 'B'), ('A', 'C'), ('B', 'A'))
+BEAM_SCENES = {'gravity': 'silicone_beam.yaml', 'load52': 'silicone_beam_load52.yaml'}
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A recording to fit and one to test on: bags of one scene."""
+
+    scene: str
+    fitted: Path
+    held_out: Path
+
+    @property
+    def name(self):
+        """Of the pair, for files."""
+        return f'{self.fitted.name}_{self.held_out.name}'
+
+
+def reproduce(out_dir):
+    """Import and diagnose every pair; write JSON and a page each into `out_dir`.
+
+    Returns evaluation.result.Result: a row per pair and stream with the verdict and the errors
+    held out. No goals are set. Raises InputError if the recordings are absent.
+    """
+    sources = recordings.folder(dome_rig.SET), recordings.folder(silicone_beam.SET)
+    out_dir = Path(out_dir)
+    with tempfile.TemporaryDirectory() as scratch:
+        pairs = (*domes(sources[0], Path(scratch)), *beams(sources[1], Path(scratch)))
+        with process_pool(len(pairs)) as pool:
+            rows = [row for some in pool.map(rows_of, pairs, [out_dir] * len(pairs))
+                    for row in some]
+    result = Result(NAME, SEED, commit_of(share_dir()), str(machine_description()), tuple(rows))
+    result.to_json(out_dir / f'{NAME}.json')
+    return result
+
+
+def domes(source, scratch):
+    """Import the dome's recordings; yields Pair."""
+    files = import_scene(source / 'scene.yaml', scratch / 'dome', name='dome')
+    bags = {name: scratch / f'dome_{name}' for name in files['maps']}
+    for name, columns in files['maps'].items():
+        import_csv(columns, bags[name])
+    for fitted, held_out in DOME_PAIRS:
+        yield Pair(files['scene'], bags[fitted], bags[held_out])
+
+
+def beams(source, scratch):
+    """Import the beam's recordings, two of each load; yields Pair."""
+    options = config.load(C3dImport, config_dir() / 'imports' / 'silicone_beam.yaml')
+    for load, file in BEAM_SCENES.items():
+        scene = config_dir() / 'scenes' / file
+        bags = import_c3d(sorted(source.glob(f'*{load}*.c3d')), scratch, options,
+                          load_scene(scene))['bags']
+        yield Pair(str(scene), *(Path(bag['bag']) for bag in bags))
+
+
+def rows_of(pair, out_dir):
+    """Diagnose a Pair and write its page; returns a row per stream, errors rms per axis."""
+    scene = load_scene(pair.scene)
+    fitted, held_out = (load_evidence((bag,), scene) for bag in (pair.fitted, pair.held_out))
+    source = Provenance(pair.name, SEED, commit_of(share_dir()), str(machine_description()),
+                        Path(pair.scene).name, ())
+    answer = diagnose(fitted, source, held_out=held_out)
+    write_diagnosis(answer.diagnosis, answer.shown, out_dir / f'{pair.name}.html')
+    return [_row(pair, answer.diagnosis, fit) for fit in answer.diagnosis.fit]
+
+
+def _row(pair, found, fit):
+    unit, scale = edge_unit(fit.stream)
+    errors = {'as_given': fit.as_given, 'recalibrated': fit.recalibrated,
+              'with_the_causes': fit.named, 'noise_floor': fit.noise_floor}
+    return {'fitted': pair.fitted.name, 'held_out': pair.held_out.name, 'verdict': found.verdict,
+            'said': ' or '.join(spoken(c.term) for c in found.causes),
+            'stream': fit.stream, 'unit': unit,
+            **{key: None if value is None else value / scale for key, value in errors.items()}}
+
+
+def markdown(body):
+    """The README's table of a Result as mapping."""
+    lines = ['| fitted, held out | verdict | stream | as given | recalibrated | with the causes | '
+             'noise alone |', '|---|---|---|---|---|---|---|']
+    for row in body['rows']:
+        said = f'`{row["verdict"]}`' + (f': {row["said"]}' if row['said'] else '')
+        errors = ('-' if row[key] is None else f'{row[key]:.3f}' for key in
+                  ('as_given', 'recalibrated', 'with_the_causes', 'noise_floor'))
+        lines.append(f'| {row["fitted"]}, {row["held_out"]} | {said} | {row["stream"]} / '
+                     f'{row["unit"]} | ' + ' | '.join(errors) + ' |')
+    return '\n'.join(lines)
