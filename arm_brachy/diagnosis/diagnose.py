@@ -31,6 +31,7 @@ from arm_brachy.diagnosis.modulus import modulus_ratio, scaled
 from arm_brachy.diagnosis.nuisances import Priors
 from arm_brachy.diagnosis.page import Shown
 from arm_brachy.diagnosis.recorded import look
+from arm_brachy.diagnosis.shared_noise import shared_noise
 from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.statements import Recording
 from arm_brachy.diagnosis.states import LIMIT
@@ -73,9 +74,10 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
         return Answer(*free_answer(evidences, provenance, held_out,
                                    lambda share: say(STEPS[2], share)))
     say(STEPS[0], 0.0)
-    recorded, left_out = _look(evidences, calibration, say)
-    (sound, fewer), (tested, fewest) = (_look(some, calibration, say) for some in
-                                        (null, held_out))
+    noise = iter(shared_noise((*evidences, *null, *held_out)))
+    (recorded, left_out), (sound, fewer), (tested, fewest) = (
+        _look([(one, next(noise)) for one in some], calibration, say)
+        for some in (evidences, null, held_out))
     left_out = (*left_out, *fewer, *fewest)
     looked, recorded = recorded, (*recorded, *sound)
     known = [f for one in sound for f in one.structure.findings]
@@ -117,7 +119,10 @@ def _judged(matched, tried, sound, seed, accuracy):
 
 
 def _look(evidences, calibration, say):
-    """(Recorded each, notes); too many recordings share the states that can be afforded."""
+    """(Recorded each, notes); too many recordings share the states that can be afforded.
+
+    evidences : (Evidence, its noise) each
+    """
     limit = min(LIMIT, max(FEWEST, MOST // max(len(evidences), 1)))
     kept = evidences
     notes = []
@@ -127,8 +132,8 @@ def _look(evidences, calibration, say):
         notes.append(f'Of {len(evidences)} recordings {len(kept)}, evenly chosen, were compared '
                      'with the model.')
     out = []
-    for i, one in enumerate(kept):
-        out.append(look(one, limit=limit, calibration=calibration))
+    for i, (one, noise) in enumerate(kept):
+        out.append(look(one, limit=limit, calibration=calibration, noise=noise))
         say(STEPS[0], (i + 1) / len(kept))
     return tuple(out), tuple(notes)
 

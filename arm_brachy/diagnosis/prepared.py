@@ -45,14 +45,16 @@ class Prepared:
                 replace(self.noise[kind], sd=self.noise[kind].sd[index]))
 
 
-def prepare(evidence, devices=None, calibration=None):
+def prepare(evidence, devices=None, calibration=None, noise=None):
     """Prepared from an Evidence.
 
     devices : kind -> devices.*Params for the data-sheet noise, None = defaults
     calibration : finding.Calibration, None = its defaults
+    noise : kind -> noise.Noise that is known from more than this recording, None = from it alone
     """
     calibration = calibration or Calibration()
-    noise, found = noise_of(evidence, devices), register(evidence, calibration.placement)
+    noise = noise_of(evidence, devices) if noise is None else noise
+    found = register(evidence, calibration.placement)
     if found is not None:
         optical = evidence.get(OPTICAL)
         moved = replace(optical, values=found.apply(optical.values))

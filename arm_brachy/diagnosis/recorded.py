@@ -32,12 +32,12 @@ class Recorded:
         return Path(self.states.path_t, self.states.path_q)
 
 
-def look(evidence, *, limit=LIMIT, devices=None, calibration=None):
+def look(evidence, *, limit=LIMIT, devices=None, calibration=None, noise=None):
     """Recorded of an evidence.Evidence with pads.
 
-    limit : load states at most;  devices, calibration : as `prepared.prepare`
+    limit : load states at most;  devices, calibration, noise : as `prepared.prepare`
     """
-    prepared = prepare(evidence, devices, calibration)
+    prepared = prepare(evidence, devices, calibration, noise)
     structure = structure_of(prepared)
     late = {kind: structure.late(kind) for kind in structure.clocks}
     jumps = [t for finding in structure.findings if finding.onset for t in finding.onset]

@@ -5,8 +5,11 @@ import pytest
 from scipy.signal import lfilter
 
 from arm_brachy.core.random import stream as draws
+from arm_brachy.devices.optical_tracker import OpticalParams
 from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.noise import noise_of
 from arm_brachy.diagnosis.rests import over_rests, rest_spans
+from arm_brachy.diagnosis.shared_noise import shared_noise
 from arm_brachy.diagnosis.stream import FORCE, Stream
 
 PERIOD, SD, SHARE, TIME = 0.01, 0.03, 0.36, 1.2
@@ -63,3 +66,15 @@ def test_rests_count_where_the_first_is_short(laboratory, pushes, before, found)
     for start, end in spans:
         inside = (pad.t > start) & (pad.t < end)
         assert np.abs(pad.values[inside]).max() < 1e-4
+
+
+def test_a_short_recording_has_the_colour_of_a_long_one_and_its_own_loudness(laboratory, pushes):
+    """Markov noise of 0.1 s; the second tracker is twice as loud and rests too short to tell."""
+    short, long = (evidence_of(lab.record(pushes(pads=(0,), speeds=(0.02,)), rest=rest), lab.scene)
+                   for lab, rest in ((laboratory((), seed, optical=OpticalParams(
+                       noise=loud, noise_correlation=0.1)), rest)
+                       for seed, loud, rest in ((1, 3e-4, 0.5), (2, 1.5e-4, 6.0))))
+    first, second = (noise['optical'] for noise in shared_noise((short, long)))
+    assert first.colour == second.colour == noise_of(long)['optical'].colour
+    assert first.sd.mean() == pytest.approx(2.0 * second.sd.mean(), rel=0.15)
+    assert np.all(shared_noise((long,))[0]['optical'].sd == noise_of(long)['optical'].sd)
