@@ -11,8 +11,6 @@ import numpy as np
 from arm_brachy.core.random import stream
 from arm_brachy.diagnosis import conclude
 from arm_brachy.diagnosis.asking import asked
-from arm_brachy.diagnosis.assembly import assemble
-from arm_brachy.diagnosis.decide import Judge
 from arm_brachy.diagnosis.diagnosis import Diagnosis
 from arm_brachy.diagnosis.figures import body_of
 from arm_brachy.diagnosis.fitted import parts_of, tested_part
@@ -20,13 +18,12 @@ from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.free_answer import free_answer
 from arm_brachy.diagnosis.free_body import is_free
 from arm_brachy.diagnosis.from_finding import cause_of, interval_of, place_of
-from arm_brachy.diagnosis.full_fits import FullFits
 from arm_brachy.diagnosis.given import given, occasions_of
 from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.hypotheses import try_all
+from arm_brachy.diagnosis.judgement import judged
 from arm_brachy.diagnosis.matched import match
-from arm_brachy.diagnosis.mesh_errors import SYSTEMATIC, ensemble_of
-from arm_brachy.diagnosis.mesh_fault import ALLOWED, mesh_fault
+from arm_brachy.diagnosis.mesh_errors import ensemble_of
 from arm_brachy.diagnosis.modulus import modulus_ratio, scaled
 from arm_brachy.diagnosis.nuisances import Priors
 from arm_brachy.diagnosis.page import Shown
@@ -96,26 +93,10 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     occasions = occasions_of(looked)
     tried = try_all(matched, occasions, lambda done, of, name: say(STEPS[2], done / of))
     say(STEPS[3], 0.0)
-    assembly, fits, judge = _judged(matched, tried, len(null), provenance.seed, accuracy)
-    fault, slight = mesh_fault(matched, judge.singles()[0].evidence), ()
-    if fault is not None:
-        for one in tests:
-            one.loosen(SYSTEMATIC, ALLOWED)
-        assembly, fits, judge = _judged(matched, tried, len(null), provenance.seed, accuracy)
-        if not fault.material:
-            fault, slight = None, (fault.note,)
-    decision = judge.decide()
+    judgement = judged(matched, tests, tried, len(null), provenance.seed, accuracy)
     provenance = replace(provenance, recordings=_recordings(looked, tested, sound))
-    request = asked(assembly, decision, ensemble, calibration)
-    return _answer(assembly, decision, fits, found, looked, tests, provenance, ratio,
-                   (*left_out, *slight), fault, request)
-
-
-def _judged(matched, tried, sound, seed, accuracy):
-    """(Assembly, FullFits, Judge) of what was tried."""
-    assembly = assemble(matched, tried, sound)
-    fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy)
-    return assembly, fits, Judge(assembly.problem, stream(seed, 'decision'), check=fits.check)
+    request = asked(judgement.assembly, judgement.decision, ensemble, calibration)
+    return _answer(judgement, found, looked, tests, provenance, ratio, left_out, request)
 
 
 def _look(evidences, calibration, say):
@@ -155,16 +136,17 @@ def _recordings(looked, tested, sound):
                  for one in group)
 
 
-def _answer(assembly, decision, fits, found, looked, tests, provenance, ratio, left_out, fault,
-            request):
+def _answer(judgement, found, looked, tests, provenance, ratio, left_out, request):
+    assembly, decision, fault = judgement.assembly, judgement.decision, judgement.fault
     accepted, specimen = decision.accepted, assembly.matched[0].baseline.model.specimen
     scene = specimen.scene
     explanations = accepted.explanations if accepted else ()
-    causes, where, when, notes = [], [], [], [*left_out, *_notes(looked)]
+    causes, where, when = [], [], []
+    notes = [*left_out, *judgement.notes, *_notes(looked)]
     best = None
     for number, (candidate, probability) in enumerate(_options(decision)):
         option = number + 1 if decision.equals else 0
-        fitted = fits.of(candidate)
+        fitted = judgement.fits.of(candidate)
         best, notes = best or fitted, [*notes, *fitted.notes]
         causes += fitted.causes(probability, option)
         where += conclude.places_of(fitted, scene, option)

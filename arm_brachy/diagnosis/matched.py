@@ -12,6 +12,7 @@ from arm_brachy.diagnosis.observables import Observables, channels_of, measured
 from arm_brachy.diagnosis.recorded import Recorded
 from arm_brachy.diagnosis.tolerances import given_errors, joined, tolerances
 
+SLOW = 1.0          # s, about as long as rests between pushes are
 # Nuisances of one recording alone; all others belong to the set-up and are the same in each.
 OWN = ('frame_', 'em_', 'force_', 'clock_', 'touch_', 'timing_', 'given')
 
@@ -42,6 +43,17 @@ class Matched:
         self.nuisances = replace(self.nuisances, values={
             kind: chosen * values for kind, values in self.nuisances.values.items()})
         self.U = self.U * chosen
+
+    def louder(self, factors):
+        """Multiply the variance of streams, kind -> factor, as far as their noise is in doubt.
+
+        What is added lasts for SLOW: longer than the rests that did not show it.
+        """
+        noise, t = self.recorded.prepared.noise, self.recorded.states.t
+        self.observables = self.observables.louder({
+            kind: min(factor, noise[kind].doubt) for kind, factor in factors.items()
+            if kind in noise}, np.exp(-np.abs(t[:, None] - t) / SLOW))
+        self.__post_init__()
 
     @property
     def own(self):

@@ -1,6 +1,6 @@
 """Noise of every stream, from the stretches in which nothing moves, or from the data sheet."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from arm_brachy.diagnosis.colour import (
     variogram,
 )
 from arm_brachy.diagnosis.motion import motion_of
-from arm_brachy.diagnosis.rests import ENOUGH_IDLE, SETTLING, over_rests, rest_spans
+from arm_brachy.diagnosis.rests import ENOUGH_IDLE, SETTLING, excess, over_rests, rest_spans
 from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL
 
 LATER_PART = 0.5     # of a later stretch that is taken: its end, when the tissue has settled
@@ -35,7 +35,7 @@ class Noise:
     sd : (k, c) per channel and axis, SI;  colour : Colour, one for the stream
     period : [s] between samples;  axes : (c, c) correlation between axes, pooled over channels
     source : 'idle' or 'data sheet';  idle : [s] of idle that it was taken from
-    notes : sentences
+    notes : sentences;  doubt : times that, the variance of means may be for all that rests tell
     """
 
     sd: np.ndarray
@@ -45,6 +45,7 @@ class Noise:
     source: str
     idle: float = 0.0
     notes: tuple = ()
+    doubt: float = 1.0
 
     def mean_variance(self, count):
         """Variance of means over `count` (..., k) successive samples, (..., k, c)."""
@@ -69,22 +70,24 @@ class Noise:
         return out
 
 
-def noise_of(evidence, devices=None):
+def noise_of(evidence, devices=None, colours=None):
     """Noise of every stream of an Evidence, kind -> Noise.
 
     devices : mapping kind -> parameters of the device (devices.*Params), for the data sheet;
         None = their defaults
+    colours : kind -> Colour that is known from elsewhere, None = none
     Idle is the time before the first push, and if that is less than 5 s also the second half of
     the later stretches in which the pads stand; of a body without pads it is the last fifth of the
     recording. What may be creep is taken out as a parabola. Noise that outlasts such stretches
-    shows between rests without a push, if these are the idle (`over_rests`). Variances of channels
-    are pooled, the pool weighing 30 samples; an encoder that shows no noise has that of its
-    quantisation.
+    shows between rests without a push, if these are the idle (`over_rests`); how much more they
+    differ is left in doubt (`excess`). Variances of channels are pooled, the pool weighing 30
+    samples; an encoder that shows no noise has that of its quantisation.
     """
-    spans = idle_spans(evidence)
-    rests = rest_spans(evidence)
-    return {kind: _noise(stream, spans, rests, devices or {}) for kind, stream in
-            evidence.streams.items()}
+    spans, rests, out = idle_spans(evidence), rest_spans(evidence), {}
+    for kind, stream in evidence.streams.items():
+        noise = _noise(stream, spans, rests, devices or {}, (colours or {}).get(kind))
+        out[kind] = replace(noise, doubt=excess(stream, noise, rests))
+    return out
 
 
 def idle_spans(evidence):
@@ -109,7 +112,8 @@ def idle_spans(evidence):
     return tuple(spans)
 
 
-def _noise(stream, spans, rests, devices):
+def _noise(stream, spans, rests, devices, known):
+    """Noise of a Stream; known : its Colour, None = to be found."""
     stretches = [piece for start, end, settled in spans for piece in pieces(
         int(np.searchsorted(stream.t, start)), int(np.searchsorted(stream.t, end)), settled)]
     seen = sum(int(stream.valid[s.start:s.stop].any(axis=1).sum()) for s in stretches)
@@ -123,8 +127,11 @@ def _noise(stream, spans, rests, devices):
     gamma, pairs = variogram(stream.values.reshape(len(stream.t), -1),
                              np.repeat(stream.valid, c, axis=1), lags, stretches)
     short = _shrunk(gamma[0].reshape(k, c), pairs[0].reshape(k, c))
-    colour, ratio = over_rests(stream, rests) or _pooled_colour(
-        gamma, pairs, lags, short.ravel(), stream.period, stretches)
+    if known is None:
+        colour, ratio = over_rests(stream, rests) or _pooled_colour(
+            gamma, pairs, lags, short.ravel(), stream.period, stretches)
+    else:
+        colour, ratio = known, 1.0 / (1.0 - known.correlation(stream.period))
     floor = quantum(stream.values[np.isfinite(stream.values)]) / np.sqrt(12.0)
     if floor ** 2 > short.max() * ratio:   # what is seen are single counts, not noise
         colour = Colour()

@@ -87,6 +87,17 @@ class Observables:
             sd=stream.sd[states], correlation=stream.correlation[np.ix_(states, states)])
             for stream in self.measured], self._channels)
 
+    def louder(self, factors, memory):
+        """The Observables with more noise: kind -> factor of the variance.
+
+        memory : (n, n) correlation between states of what is added
+        """
+        def more(stream):
+            f = factors.get(stream.kind, 1.0)
+            return replace(stream, sd=np.sqrt(f) * stream.sd,
+                           correlation=(stream.correlation + (f - 1.0) * memory) / f)
+        return Observables([more(stream) for stream in self.measured], self._channels)
+
     @property
     def states(self):
         """(N,) number of the state of every row."""

@@ -3,10 +3,6 @@
 Test: diagnosis/structural/test_rests.py
 """
 
-from dataclasses import replace
-
-import numpy as np
-
 from arm_brachy.diagnosis.noise import noise_of
 
 SAME_RATE = 0.1     # of the period between samples, for noise to be alike
@@ -21,16 +17,16 @@ def shared_noise(evidences, devices=None):
     see.
     """
     own = [noise_of(one, devices) for one in evidences]
-    return tuple({kind: _coloured(one, [other[kind] for other in own if kind in other])
-                  for kind, one in noise.items()} for noise in own)
+    if len(own) == 1:
+        return tuple(own)
+    return tuple(noise_of(one, devices, {kind: _best(mine, [other[kind] for other in own
+                                                            if kind in other])
+                                         for kind, mine in noise.items()})
+                 for one, noise in zip(evidences, own, strict=True))
 
 
-def _coloured(noise, others):
-    """The Noise with the colour of that one of `others` (itself among them) idle the longest."""
+def _best(noise, others):
+    """The Colour of that one of `others` (a Noise itself among them) that is idle the longest."""
     alike = [one for one in others if one.source == 'idle'
              and abs(one.period - noise.period) <= SAME_RATE * noise.period]
-    if noise.source != 'idle' or not alike:
-        return noise
-    best = max(alike, key=lambda one: one.idle).colour
-    before, after = (1.0 - colour.correlation(noise.period) for colour in (noise.colour, best))
-    return replace(noise, sd=noise.sd * np.sqrt(before / after), colour=best)
+    return max(alike, key=lambda one: one.idle).colour if alike else noise.colour

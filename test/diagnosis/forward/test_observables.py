@@ -135,3 +135,20 @@ def test_load_states_become_rows_where_a_marker_was_seen(prepared):
     rest = prepared.evidence.get('optical').rest
     residual = both.residual({'optical': np.broadcast_to(rest, stream.values.shape)})
     assert 0.7 < np.sqrt(np.mean(residual**2)) < 1.4   # the noise's size is found from a second
+
+
+def test_more_noise_adds_its_own_covariance():
+    """Covariance of either part, added."""
+    stream, f = correlated(), 2.5
+    memory = np.exp(-np.abs(np.subtract.outer(np.arange(4.0), np.arange(4.0))))
+    louder = Observables((stream,), NAMES).louder({'optical': f}, memory)
+    one, = louder.measured
+    for c in range(2):
+        for axis in range(3):
+            sd = stream.sd[:, c, axis]
+            wanted = np.outer(sd, sd) * (stream.correlation + (f - 1.0) * memory)
+            found = np.outer(*2 * [one.sd[:, c, axis]]) * one.correlation
+            np.testing.assert_allclose(found, wanted, rtol=1e-12)
+    same = Observables((stream,), NAMES).louder({'em': f}, memory).measured[0]
+    np.testing.assert_array_equal(same.sd, stream.sd)
+    np.testing.assert_array_equal(same.correlation, stream.correlation)

@@ -6,9 +6,10 @@ from scipy.signal import lfilter
 
 from arm_brachy.core.random import stream as draws
 from arm_brachy.devices.optical_tracker import OpticalParams
+from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.noise import noise_of
-from arm_brachy.diagnosis.rests import over_rests, rest_spans
+from arm_brachy.diagnosis.noise import Noise, noise_of
+from arm_brachy.diagnosis.rests import MOST_EXCESS, excess, over_rests, rest_spans
 from arm_brachy.diagnosis.shared_noise import shared_noise
 from arm_brachy.diagnosis.stream import FORCE, Stream
 
@@ -54,6 +55,30 @@ def test_white_noise_stays_white(forces):
     found = over_rests(Stream(FORCE, forces.t, forces.names, white, forces.valid, forces.bodies,
                               forces.rest), RESTS)
     assert found is None or found[0].share < 0.05
+
+
+@pytest.mark.parametrize('colour, variance', [(Colour(SHARE, TIME), 1.0),
+                                              (Colour(0.2, 0.3), 1.6)])
+def test_rests_differ_by_what_the_noise_says(forces, colour, variance):
+    """Means over 0.4 s of white noise and of Markov noise of time T: its formula for either."""
+    noise = Noise(np.full((4, 3), SD), colour, PERIOD, np.eye(3), 'idle')
+    count = np.full(1, 40)
+    asked, true = (c.mean_variance(count, PERIOD)[0] - c.correlation(1.5)
+                   for c in (colour, Colour(SHARE, TIME)))
+    assert true / asked == pytest.approx(variance, abs=0.3)
+    assert excess(forces, noise, RESTS) == pytest.approx(max(true / asked, 1.0), rel=0.25)
+
+
+def test_a_jump_is_no_noise_and_what_is_no_noise_has_an_end(forces):
+    noise = Noise(np.full((4, 3), SD), Colour(SHARE, TIME), PERIOD, np.eye(3), 'idle')
+    jump = forces.values + (forces.t > 20.0)[:, None, None]
+    wild = forces.values + np.sin(forces.t)[:, None, None]
+
+    def seen(values):
+        return excess(Stream(FORCE, forces.t, forces.names, values, forces.valid, forces.bodies,
+                             forces.rest), noise, RESTS)
+    assert seen(jump) == pytest.approx(excess(forces, noise, RESTS), rel=0.2)
+    assert seen(wild) == MOST_EXCESS
 
 
 @pytest.mark.parametrize('before, found', [(1.0, True), (6.0, False)])

@@ -1,0 +1,58 @@
+"""From everything tried to a decision: the mesh and the noise are asked first whether it was them.
+
+Test: diagnosis/test_diagnose.py, diagnosis/test_loudness.py, diagnosis/test_mesh_fault.py
+"""
+
+from dataclasses import dataclass
+
+from arm_brachy.core.random import stream
+from arm_brachy.diagnosis.assembly import Assembly, assemble
+from arm_brachy.diagnosis.decide import Decision, Judge
+from arm_brachy.diagnosis.full_fits import FullFits
+from arm_brachy.diagnosis.loudness import louder, said
+from arm_brachy.diagnosis.mesh_errors import SYSTEMATIC
+from arm_brachy.diagnosis.mesh_fault import ALLOWED, MeshFault, mesh_fault
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """assembly, fits, decision : what was decided, on what
+
+    fault : MeshFault, None where the mesh is good enough;  notes : sentences
+    """
+
+    assembly: Assembly
+    fits: FullFits
+    decision: Decision
+    fault: MeshFault | None
+    notes: tuple
+
+
+def judged(matched, tests, tried, sound, seed, accuracy=None):
+    """The Judgement of Matched recordings and what was tried (`hypotheses.try_all`) on them.
+
+    tests : Matched, held out: what is found of mesh and noise holds for them as well
+    sound : number of null recordings, last of `matched`;  accuracy : model_error.Accuracy
+    What nothing explains is judged anew with noise as loud as it may be.
+    """
+    def judge():
+        assembly = assemble(matched, tried, sound)
+        fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy)
+        return assembly, fits, Judge(assembly.problem, stream(seed, 'decision'), check=fits.check)
+
+    assembly, fits, one = judge()
+    fault, notes = mesh_fault(matched, one.singles()[0].evidence), ()
+    if fault is not None:
+        for test in tests:
+            test.loosen(SYSTEMATIC, ALLOWED)
+        assembly, fits, one = judge()
+        if not fault.material:
+            fault, notes = None, (fault.note,)
+    decision = one.decide()
+    factors = louder(assembly, decision) if decision.verdict == 'unexplained' else {}
+    if factors:
+        for every in (*matched, *tests):
+            every.louder(factors)
+        assembly, fits, one = judge()
+        decision, notes = one.decide(), (*notes, *said(factors))
+    return Judgement(assembly, fits, decision, fault, notes)
