@@ -20,6 +20,7 @@ COMMANDS = {  # name -> (module:object, first line of its help)
                  'Metrics of a recording as a table, as JSON and as an HTML report.'),
     'diagnose': ('diagnose:diagnose',
                  'Say where BAGs differ from their model and what physics is missing.'),
+    'prove': ('prove:prove', 'Put the diagnosis to a sealed blind trial and score it.'),
     'reproduce': ('reproduce:reproduce',
                   'Compute one published table or figure, ours beside theirs.'),
     'bench': ('bench:bench', "Time the tissue solvers, ours beside others' in one run."),

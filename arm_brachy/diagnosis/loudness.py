@@ -15,10 +15,11 @@ LEAST = 1.05        # times the variance: less changes no verdict
 
 
 def louder(assembly, decision):
-    """kind -> factor of the variance that the noise of a stream seems to have, where above LEAST.
+    """kind -> factor of the variance that the noise of a stream may have, where it seems louder.
 
-    decision : decide.Decision. From what nuisances and its best candidate leave, at most what the
-    noise of some recording leaves in doubt (`noise.Noise.doubt`).
+    decision : decide.Decision. It seems louder by what nuisances and its best candidate leave; the
+    factor is what is in doubt (`noise.Noise.doubt`), for something strange has to stand out from
+    all noise that there may be.
     """
     best = decision.ranked[0].explanations if decision.ranked else ()
     left = left_over(assembly, best)
@@ -29,7 +30,7 @@ def louder(assembly, decision):
                     if kind in m.recorded.prepared.noise), default=1.0)
         seen = float(np.median(left[kinds == kind]**2)) / MEDIAN_CHI2
         if min(seen, most) > LEAST:
-            out[kind] = min(seen, most)
+            out[kind] = most
     return out
 
 
@@ -37,5 +38,5 @@ def said(factors):
     """A sentence for each stream of `louder`."""
     return tuple(
         f'The noise of the {STREAMS[kind][0]} was taken as {np.sqrt(factor):.1f} times what it is '
-        'within single rests: these are too few and short to tell.'
+        'within single rests, which are too few and short to tell: that it may be.'
         for kind, factor in factors.items())

@@ -1,0 +1,1 @@
+"""Recordings of a soft body made by another code; imports nothing of this package but itself."""

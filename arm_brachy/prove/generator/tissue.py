@@ -1,0 +1,196 @@
+"""Effects in the tissue and at its boundary: each takes a model and gives the planted one.
+
+Every function: model; body; values by the catalogue's names; modulus: true over labelled. Models
+keep the labelled modulus and forces are scaled afterwards, so what has an absolute size of its
+own (weight, springs, a finger) is divided by it.
+"""
+from dataclasses import replace
+
+import numpy as np
+
+from arm_brachy.prove.generator import loads
+from arm_brachy.prove.generator.layer import make_layer
+from arm_brachy.prove.generator.mismount import moved_pad, moved_patch
+
+
+def scaled(model, factor):
+    """Model with all moduli times `factor`, a number or (m, q)."""
+    t = model.tissue
+    return replace(model, tissue=replace(
+        t, mu=factor * t.mu, kappa=factor * t.kappa, stiffening=factor * t.stiffening,
+        fibre_modulus=factor * t.fibre_modulus))
+
+
+def loaded(model, load):
+    """Model with one more load."""
+    return replace(model, loads=(*model.loads, load))
+
+
+def stiffness_scale(model, body, v, modulus):
+    """Modulus off."""
+    return scaled(model, v['factor'])
+
+
+def compressibility(model, body, v, modulus):
+    """Bulk modulus off."""
+    return replace(model, tissue=replace(model.tissue, kappa=v['factor'] * model.tissue.kappa))
+
+
+def stiffness_gradient(model, body, v, modulus):
+    """Logarithm of the modulus linear in place."""
+    x, volume = model.grid.points, model.grid.slopes[1]
+    centroid = (x * volume[..., None]).sum((0, 1)) / volume.sum()
+    return scaled(model, np.exp((x - centroid) @ np.array(v['gradient_per_m'])))
+
+
+def inclusion(model, body, v, modulus):
+    """Sphere of another modulus: the points nearest to its centre that fill its volume."""
+    distance = np.linalg.norm(model.grid.points - np.array(v['centre_mm']) * 1e-3, axis=2)
+    volume = model.grid.slopes[1]
+    order = np.argsort(distance, axis=None)
+    filled = np.cumsum(volume.ravel()[order])
+    count = np.searchsorted(filled, 4 / 3 * np.pi * (v['radius_mm'] * 1e-3)**3)
+    factor = np.ones(volume.size)
+    factor[order[:count]] = v['ratio']
+    return scaled(model, factor.reshape(volume.shape))
+
+
+def skin_layer(model, body, v, modulus):
+    """Stiffer layer under the surface."""
+    excess = (v['ratio'] - 1) * model.tissue.mu.mean()
+    return loaded(model, make_layer(model.grid, v['thickness_mm'] * 1e-3, excess))
+
+
+def strain_stiffening(model, body, v, modulus):
+    """Second constant of Yeoh's law."""
+    tissue = replace(model.tissue, stiffening=v['ratio'] * model.tissue.mu)
+    return replace(model, tissue=tissue)
+
+
+def anisotropy(model, body, v, modulus):
+    """One family of fibres."""
+    a, e = np.deg2rad([v['azimuth_deg'], v['elevation_deg']])
+    fibre = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    return replace(model, tissue=replace(
+        model.tissue, fibre=fibre, fibre_modulus=v['ratio'] * model.tissue.mu))
+
+
+def gravity(model, body, v, modulus):
+    """Weight that the label does not know of."""
+    added = np.array(v['added_m_s2']) / modulus
+    return loaded(model, loads.weight(model.grid, body.density, added))
+
+
+def reference_shape(model, body, v, modulus):
+    """Stress-free shape stretched, with a bump; what is glued to the skin goes with it."""
+    x = model.grid.nodes
+    centre, radius = np.array(v['bump_centre_mm']) * 1e-3, v['bump_radius_mm'] * 1e-3
+    nearest = model.grid.mesh.surface[:, :3].ravel()
+    nearest = nearest[np.argmin(((x[nearest] - centre)**2).sum(1))]
+    out = x[nearest] - [0, 0, 0.3 * body.dome.height]
+    out = out / np.linalg.norm(out)
+    bump = loads.biweight(x, centre, radius) * (1 - np.maximum(1 - x[:, 2] / radius, 0)**2)
+    moved = x + x * [v['width'], v['width'], v['height']]
+    moved = moved + (v['bump_height_mm'] * 1e-3 * bump)[:, None] * out
+    return replace(model, grid=replace(model.grid, moved=moved))
+
+
+def pad_misplacement(model, body, v, modulus):
+    """One pad beside its place."""
+    pads, grid = list(model.pads), model.grid
+    for i, pad in enumerate(model.pads):
+        if pad.name in v['pads']:
+            pads[i] = moved_pad(body.dome, pad, v)
+            mesh = moved_patch(grid.mesh, body.dome, i, pad, pads[i])
+            grid = replace(grid, mesh=mesh)
+    return replace(model, pads=tuple(pads), grid=grid)
+
+
+def free_base(model):
+    """Which nodes of the base may move (n,)."""
+    free = np.zeros(len(model.grid.nodes), bool)
+    free[model.grid.mesh.base_nodes] = True
+    return free
+
+
+def base_compliance(model, body, v, modulus):
+    """Winkler foundation."""
+    k = [v[name] * 1e6 / modulus for name in ('normal_kPa_mm', 'tangential_kPa_mm')]
+    return replace(loaded(model, loads.springs(model.grid, *k)), released=free_base(model))
+
+
+def base_debond(model, body, v, modulus, stiff=1e4):
+    """Disc of the base without glue; stiff: springs of glue over Young's modulus [1/m]."""
+    load = loads.loose_base(model.grid, np.array(v['centre_mm']) * 1e-3, v['radius_mm'] * 1e-3,
+                            stiff * body.modulus)
+    return replace(loaded(model, load), released=free_base(model))
+
+
+def obstacle(model, body, v, modulus, stiff=1e3):
+    """Flat wall beside the body; stiff: over Young's modulus [1/m]."""
+    centre = np.array(v['centre_mm']) * 1e-3
+    out = surface_normal(model.grid, centre)
+    return loaded(model, loads.wall(model.grid, centre, v['radius_mm'] * 1e-3, out,
+                                    v['gap_mm'] * 1e-3, stiff * body.modulus))
+
+
+def surface_normal(grid, point):
+    """Outward normal (3,) of the curved surface at the integration point nearest to `point`."""
+    x, area, _ = grid.face_points(grid.mesh.surface)
+    at = np.unravel_index(((x - point)**2).sum(2).argmin(), x.shape[:2])
+    return area[at] / np.linalg.norm(area[at])
+
+
+STATIC = {f.__name__: f for f in (
+    stiffness_scale, compressibility, stiffness_gradient, inclusion, skin_layer,
+    strain_stiffening, anisotropy, gravity, reference_shape, pad_misplacement, base_compliance,
+    base_debond, obstacle)}
+KINKED = ('obstacle', 'base_debond')
+
+
+def external_force(model, body, v, modulus):
+    """Finger, while it presses."""
+    load = loads.finger(model.grid, np.array(v['force_N']) / modulus,
+                        np.array(v['centre_mm']) * 1e-3, v['radius_mm'] * 1e-3)
+    end = v['onset_s'] + v['duration_s']
+    return loaded(model, load), lambda t, y: ((t > v['onset_s']) & (t <= end)).astype(float)
+
+
+def swelling_drift(model, body, v, modulus, span=100.0):
+    """Swelling, as at `span` [s] past its onset; linear in it before that."""
+    rate = v['rate_per_min'] / 60
+
+    def stretch(seconds):
+        r = rate * np.maximum(seconds, 0)
+        return r if rate >= 0 else 1 / (1 - r) - 1
+
+    tissue = replace(model.tissue, swelling=1 + stretch(span))
+    return (replace(model, tissue=tissue),
+            lambda t, y: stretch(t - v['onset_s']) / stretch(span))
+
+
+def base_motion(v):
+    """Displacement (t, 3) of the base by breathing, as a function of time."""
+    e = np.array(v['direction']) / np.linalg.norm(v['direction'])
+    phase = np.deg2rad(v['phase_deg'])
+    return lambda t: (v['amplitude_mm'] * 1e-3 * np.sin(
+        2 * np.pi * v['frequency_Hz'] * t + phase))[:, None] * e
+
+
+def breathing(model, body, v, modulus):
+    """Base pushed out to its amplitude."""
+    e = np.array(v['direction']) / np.linalg.norm(v['direction'])
+    amplitude = v['amplitude_mm'] * 1e-3
+    return (replace(model, shift=tuple(amplitude * e)),
+            lambda t, y: base_motion(v)(t) @ e / amplitude)
+
+
+TIMED = {f.__name__: f for f in (external_force, swelling_drift, breathing)}
+
+
+def stiffness_drift(v):
+    """Factor (t,) on all forces over time."""
+    def factor(t):
+        s = v['rate_per_min'] / 60 * np.maximum(t - v['onset_s'], 0)
+        return 1 + s if v['rate_per_min'] >= 0 else 1 / (1 - s)
+    return factor

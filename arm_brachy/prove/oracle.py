@@ -1,0 +1,97 @@
+"""What could be known from a case at best: Fisher's analysis on noise-free signals.
+
+e is the whitened effect, clean(with) - clean(without); B what nobody calibrates away, a column per
+nuisance times its prior standard deviation. With M = (1 + B B^T)^-1, by Woodbury,
+
+    detectability^2 = e^T M e,    separation^2 = e^T M e - (e^T M r)^2 / (r^T M r)
+
+from a rival effect r of free size: the Gauss-Markov theorem for Gaussian noise and priors.
+Test: prove/test_oracle.py
+"""
+
+from importlib import import_module
+
+import numpy as np
+
+from arm_brachy.experiments.parallel import process_pool
+from arm_brachy.prove.folder import read_json, write_json
+from arm_brachy.prove.plan import CONFOUNDED, NULL
+
+VISIBLE = 1.0       # sd: a rival that is seen less is none
+
+
+def whitened(values, dt, sd, colour, memory, rate):
+    """Signals (t, k), sampled every dt [s], over the noise of a sensor that samples at `rate`.
+
+    sd : of the noise, of whose variance the share `colour` is AR(1) with a time constant `memory`
+    [s] and the rest white. Whitened by the noise's spectral density, so that a Fisher analysis of
+    dt > 1 / rate loses only what is faster than dt.
+    """
+    f = np.fft.rfftfreq(len(values), dt)
+    density = sd**2 * ((1.0 - colour) / rate + 2.0 * colour * memory / (
+        1.0 + (2.0 * np.pi * f * memory)**2))
+    shape = np.sqrt(density / dt)[:, None]
+    return np.fft.irfft(np.fft.rfft(values, axis=0) / shape, len(values), axis=0)
+
+
+def seen(effect, nuisances, rivals):
+    """Detectability [sd], separation [sd] and name of the nearest rival; the latter None.
+
+    effect (n,); nuisances (n, k), both whitened, nuisances times prior sd; rivals: (name, (n,))
+    """
+    inner = np.linalg.cholesky(np.eye(nuisances.shape[1]) + nuisances.T @ nuisances)
+
+    def dot(a, b):
+        left, right = (np.linalg.solve(inner, nuisances.T @ v) for v in (a, b))
+        return float(a @ b - left @ right)
+
+    own = dot(effect, effect)
+    apart, nearest = None, ''
+    for name, rival in rivals:
+        size = dot(rival, rival)
+        if size >= VISIBLE**2:
+            left = np.sqrt(max(own - dot(effect, rival)**2 / size, 0.0))
+            if apart is None or left < apart:
+                apart, nearest = left, name
+    return {'detectability_sd': float(np.sqrt(max(own, 0.0))),
+            'separation_sd': None if apart is None else float(apart), 'rival': nearest}
+
+
+def analyse_all(folder, jobs, modes, source, workers, progress):
+    """Columns of `seen` for every case that has something to see: case -> mode -> dict; kept.
+
+    folder : TrialFolder;  source : name of a module as `prove.signals`;  progress(stage, done, of)
+    """
+    held = read_json(folder / 'oracle.json')
+    if held is not None:
+        return held
+    bodies = {}
+    for job in jobs:
+        if job.kind not in (NULL, CONFOUNDED):
+            bodies.setdefault(job.body, []).append(job)
+    found = {}
+    progress('oracle', 0, len(bodies))
+    with process_pool(max(min(workers, len(bodies)), 1)) as pool:
+        waiting = [pool.submit(analyse, source, some, modes, folder / 'cache')
+                   for some in bodies.values()]
+        for done, future in enumerate(waiting, start=1):
+            found.update(future.result())
+            progress('oracle', done, len(bodies))
+    write_json(folder / 'oracle.json', found)
+    return found
+
+
+def analyse(source, jobs, modes, cache):
+    """Columns of `seen` for jobs that share a body: case -> mode -> dict; rivals are the others'.
+
+    A rival has another label and one effect; it acts in the set-up and protocol of the case.
+    """
+    sight = import_module(source).Sight(jobs, cache)
+    found = {}
+    for job in jobs:
+        rivals = [(sight.label(other), sight.effect(job, other)) for other in jobs
+                  if sight.is_rival(other) and sight.label(other) not in sight.label(job)]
+        effect = sight.effect(job, job)
+        found[job.name] = {mode: seen(effect, sight.nuisances(job, mode), rivals)
+                           for mode in modes}
+    return found

@@ -1,0 +1,133 @@
+"""The generator's noise-free signals as its oracle sees them: effects, nuisances, whitened.
+
+In mode 'null' the recording of the sound set-up is taken for exact: it is as long as the other, so
+that effects are overrated by up to the square root of two.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from arm_brachy.diagnosis.finding import Calibration
+from arm_brachy.prove.answering import ABSOLUTE
+from arm_brachy.prove.generator.history import law_of
+from arm_brachy.prove.generator.plant import build_world, pad_travel, with_memory
+from arm_brachy.prove.generator.protocol import set_points
+from arm_brachy.prove.generator.recorder import clean_streams
+from arm_brachy.prove.generator.sensing import SENSING
+from arm_brachy.prove.generator.sensors import RATES
+from arm_brachy.prove.generator.strange import STRANGE_SENSING
+from arm_brachy.prove.oracle import whitened
+from arm_brachy.prove.source import case_of
+
+DT = 0.05                   # s between the instants looked at
+MEMORY = 0.3                # s, of the coloured part of the sensors' noise
+# Prior standard deviations of what every set-up has (generator.nuisance).
+MODULUS, TOUCH, TURN, SLIDE = 0.15 / np.sqrt(3), 2e-4, np.deg2rad(0.3) / np.sqrt(3), 3e-4 / 3**0.5
+EM_ZERO, FORCE_ZERO, CLOCK = 2e-4 / np.sqrt(3), 0.03, 2e-3 / np.sqrt(3)
+# Where markers are glued is known to this per axis; a recording of the sound set-up shows it.
+PLACEMENT = Calibration().placement
+STREAMS = ('forces', 'optical', 'em', 'encoders')
+
+
+class Sight:
+    """What can be seen of cases that share a body.
+
+    jobs : plan.Job each;  cache : folder of solutions
+    """
+
+    def __init__(self, jobs, cache):
+        self._cache = cache
+        self._cases = {job.name: case_of(job) for job in jobs}
+        self._worlds = {name: build_world(case, cache) for name, case in self._cases.items()}
+        self._sound = build_world(next(iter(self._cases.values())).without_effect, cache)
+
+    def label(self, job):
+        """Names of what is planted, joined."""
+        return ' + '.join(effect.name for effect in self._cases[job.name].effects)
+
+    def is_rival(self, job):
+        """True for a case with one effect that can be played in another's protocol at no cost.
+
+        What tissue remembers would have to be integrated along every one of them.
+        """
+        effects = self._cases[job.name].effects
+        return len(effects) == 1 and law_of(effects, 1.0) is None
+
+    def effect(self, job, other):
+        """Whitened effect (n,) of what is planted in `other`, in the set-up of `job`."""
+        case = self._cases[job.name]
+        return self._flat(case, self._play(case, self._cases[other.name].effects,
+                                           self._worlds[other.name]), self._null(case))
+
+    def nuisances(self, job, mode):
+        """Whitened nuisances (n, k), a column each, times their prior standard deviations.
+
+        mode : of answering; what stays the same in a sound recording is known beside it
+        """
+        case = self._cases[job.name]
+        null, columns = self._null(case), []
+        for i in range(len(case.body.pads)):
+            moved = case.nuisances.touch + TOUCH * np.eye(len(case.body.pads))[i]
+            touched = replace(case, nuisances=replace(case.nuisances, touch=moved))
+            columns.append(self._null(touched))
+        shifts = [*_shifts(null), *(_placements(null) if mode == ABSOLUTE else ())]
+        columns += [{**null, name: null[name] + change} for name, change in shifts]
+        return np.column_stack([self._flat(case, one, null) for one in columns])
+
+    def _null(self, case):
+        return self._play(case, (), self._sound)
+
+    def _play(self, case, effects, world):
+        """Streams (t, k) or (t, k, 3) on the common clock of `effects` in a case's set-up."""
+        played = replace(case, effects=effects)
+        world = replace(world, modulus=case.nuisances.modulus)
+        t, u = set_points(case.protocol, world.response.strokes)
+        grid = np.arange(0.5, t[-1] - 0.5, DT)
+        y = pad_travel(played, world, t, u)
+        world = with_memory(played, world.along(t, y), self._cache, t, y)
+        streams = clean_streams(world, t, u, y, dict.fromkeys(RATES, (grid, grid)))
+        for effect in effects:
+            act = {**SENSING, **STRANGE_SENSING}.get(effect.name)
+            if act is not None:
+                act(streams, effect.values)
+        return {name: _at(grid, streams[name]) for name in STREAMS}
+
+    def _flat(self, case, streams, null):
+        """Whitened difference (n,) of streams to those of nothing planted."""
+        parts = []
+        for name in STREAMS:
+            # travel is seen by the markers on the pads as well as those see anything
+            sd = case.sensors.noise['optical' if name == 'encoders' else name]
+            change = (streams[name] - null[name]).reshape(len(null[name]), -1)
+            parts.append(whitened(change, DT, sd, case.sensors.colour, MEMORY, RATES[name]))
+        return np.concatenate([part.ravel() for part in parts])
+
+
+def _at(grid, stream):
+    """Values of a stream at the instants `grid` by its stamps, which an effect may have moved."""
+    flat = stream.values.reshape(len(stream.values), -1)
+    seen = np.column_stack([np.interp(grid, stream.stamps, column) for column in flat.T])
+    return seen.reshape(stream.values.shape)
+
+
+def _shifts(null):
+    """(stream, change) for every nuisance but touch, one prior standard deviation each."""
+    yield 'forces', MODULUS * null['forces']
+    for axis in np.eye(3):
+        yield 'optical', TURN * np.cross(axis, null['optical'])
+        yield 'optical', SLIDE * axis
+        yield 'em', EM_ZERO * axis
+        for i in range(null['forces'].shape[1]):
+            zero = np.zeros(null['forces'].shape[1:])
+            zero[i] = FORCE_ZERO * axis
+            yield 'forces', zero
+    for name in ('forces', 'optical', 'em'):
+        yield name, CLOCK * np.gradient(null[name], DT, axis=0)
+
+
+def _placements(null):
+    """('optical', change) for every marker and axis: a constant of one standard deviation."""
+    shape = null['optical'].shape[1:]
+    for i in range(np.prod(shape)):
+        yield 'optical', PLACEMENT * np.eye(1, np.prod(shape), i).reshape(shape)

@@ -1,0 +1,59 @@
+"""Test of `arm-brachy prove` on a made-up generator and detector."""
+
+import functools
+import json
+
+import pytest
+from test_trial import detector
+
+from arm_brachy.cli import main
+from arm_brachy.cli import prove as command
+from arm_brachy.prove import trial
+
+
+def run(*words):
+    with pytest.raises(SystemExit) as ended:
+        main(['prove', *map(str, words)])
+    return ended.value.code
+
+
+@pytest.fixture
+def made_up(monkeypatch):
+    monkeypatch.setattr(command, 'SOURCE', 'made_up_source')
+    monkeypatch.setattr(command, 'SIGNALS', 'made_up_signals')
+    monkeypatch.setattr(trial, 'Setup', functools.partial(trial.Setup, detector=detector()))
+
+
+def test_a_trial_runs_from_the_command_line_and_goes_on(made_up, tmp_path, capsys):
+    words = ('--cases', 6, '--beacon', 'x', '--mode', 'absolute', '--workers', 2, '--out',
+             tmp_path / 'trial', '--json', tmp_path / 'result.json')
+    assert run(*words) == 0
+    shown = capsys.readouterr()
+    assert 'top-1, all singles' in shown.out
+    rows = json.loads((tmp_path / 'result.json').read_text())['rows']
+    singles = [row for row in rows if row.get('kind') == 'single']
+    assert singles
+    assert all(row['outcome'] == 'right' for row in singles)
+    assert all(row['identifiable'] == (row['detectability_sd'] >= 5.0) for row in singles)
+    made = (tmp_path / 'trial' / 'made.txt').read_text()
+    assert run(*words) == 0
+    assert (tmp_path / 'trial' / 'made.txt').read_text() == made
+
+
+@pytest.mark.parametrize(('words', 'said'), [
+    (('--cases', 0), '0 is not in the range'), (('--mode', 'all'), "'all' is not one of"),
+    (('--limit-s', 0), '0.0 is not in the range')])
+def test_bad_input_is_told_in_one_line(words, said, capsys):
+    assert run(*words) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count('\n') == 1
+
+
+def test_a_folder_of_another_trial_is_refused(made_up, tmp_path, capsys):
+    words = ('--beacon', 'x', '--mode', 'absolute', '--workers', 1, '--out', tmp_path / 'trial')
+    assert run('--cases', 1, *words) == 0
+    capsys.readouterr()
+    assert run('--cases', 2, *words) == 2
+    error = capsys.readouterr().err
+    assert 'begun with cases 1, not 2' in error

@@ -1,0 +1,56 @@
+"""Test of prove/report.py: what a finished trial leaves behind, from a made-up one."""
+
+import json
+
+from made_up_answers import answer, cause, effect, record, truth
+
+from arm_brachy.prove.folder import TrialFolder
+from arm_brachy.prove.report import confusion, markdown, report
+from arm_brachy.prove.score import score
+
+GAP = effect('backlash', {'width_mm': 0.2})
+TRUTHS = {'case_000': truth(GAP), 'case_001': truth(kind='null'), 'case_002': truth(GAP),
+          'case_003': truth(GAP, effect('gravity', {'added_m_s2': [1, 0, 0]}), kind='pair')}
+ANSWERS = (answer('named', cause('backlash')), answer('nothing_missing'), None,
+           answer('named', cause('backlash'), cause('gravity')))
+RECORDS = {('absolute', case): record(given, case=case)
+           for case, given in zip(TRUTHS, ANSWERS, strict=True)}
+BEGUN = {'commit': 'abc', 'machine': 'one', 'modes': ['absolute']}
+
+
+def test_a_finished_trial_leaves_result_table_pictures_and_an_index(tmp_path):
+    folder = TrialFolder(tmp_path)
+    folder.page('absolute', 'case_000').parent.mkdir(parents=True)
+    folder.page('absolute', 'case_000').write_text('page')
+    extras = {('absolute', 'case_000'): {'detectability_sd': 20.0, 'recovery': 0.7}}
+    result = report(folder, BEGUN, TRUTHS, RECORDS, extras, frozen=True)
+    held = json.loads((tmp_path / 'result.json').read_text())
+    assert len([row for row in held['rows'] if 'case' in row]) == 4
+    assert held['rows'][0]['recovery'] == 0.7
+    assert (tmp_path / 'confusion-absolute.png').read_bytes()[1:4] == b'PNG'
+    index = (tmp_path / 'index.html').read_text()
+    assert 'href="pages/absolute/case_000.html"' in index
+    assert index.count('<tr>') > 4 + 10
+    assert 'no blind trial' not in index
+    met = {goal.name: goal.met for goal in result.targets}
+    assert met['absolute: pairs, at least one'] is True
+    assert met['absolute: held-out recovery, median'] is False
+
+
+def test_a_program_that_changed_is_said(tmp_path):
+    report(TrialFolder(tmp_path), BEGUN, TRUTHS, RECORDS, {}, frozen=False)
+    assert 'no blind trial' in (tmp_path / 'index.html').read_text()
+
+
+def test_the_confusion_matrix_counts_nothing_and_one_effect():
+    cells = confusion(TRUTHS, RECORDS, 'absolute')
+    assert cells == {('backlash', 'backlash'): 1, ('-', 'silent'): 1, ('backlash', 'failed'): 1}
+
+
+def test_the_table_gives_counts_and_intervals():
+    rows = [score(one, TRUTHS[case]) for (_, case), one in RECORDS.items()]
+    lines = markdown(rows, ['absolute']).splitlines()
+    # 1 of 2, Wilson: 9.5 to 90.5 %
+    assert '| top-1, all singles | 1 of 2: 50 % (9 to 91) |' in lines
+    assert '| false alarms, nulls | 0 of 1: 0 % (0 to 79) |' in lines
+    assert '| confounded, class holds it and names a recording | - |' in lines

@@ -1,0 +1,153 @@
+"""Test of prove/trial.py with a made-up generator and detector: stages, seals, failures."""
+
+import json
+import sys
+from dataclasses import replace
+
+import pytest
+
+from arm_brachy.core.errors import ArmBrachyError, InputError
+from arm_brachy.prove import plan, seal, trial
+from arm_brachy.prove.folder import TrialFolder, read_json, write_json
+
+SOURCE = 'made_up_source'
+# Says what the data say; SPOIL is what it does instead where a backlash is planted.
+DETECTOR = """
+import json, pathlib, sys, time
+bag = pathlib.Path(sys.argv[1])
+data = json.loads((bag / 'data.json').read_text())
+causes = [{'term': name, 'option': 0, 'probability': 1.0, 'parameters': {}}
+          for name in data['label'] if name != 'strange_thing']
+verdict = 'named' if causes else 'unexplained' if data['label'] else 'nothing_missing'
+answer = {'verdict': verdict, 'causes': causes, 'where': [], 'when': [], 'alternatives': [],
+          'recalibrated': {}, 'next_experiment': None, 'chance_of_what_is_left': None}
+SPOIL
+pathlib.Path('answer.json').write_text(json.dumps(answer))
+"""
+
+
+def detector(spoil='pass'):
+    code = DETECTOR.replace('SPOIL', f'if data["label"] == ["backlash"]:\n    {spoil}')
+    return (sys.executable, '-P', '-c', code)
+
+
+SETUP = trial.Setup(cases=5, modes=('absolute',), beacon='drawn', workers=2, limit=20.0,
+                    detector=detector())
+
+
+
+
+def test_a_trial_goes_from_draw_to_opened_truth(tmp_path):
+    setup = replace(SETUP, modes=('absolute', 'null'))
+    jobs, truths, records = trial.run(setup, tmp_path, SOURCE)
+    assert [job.name for job in jobs] == [f'case_{i:03d}' for i in range(5)]
+    assert len(records) == 10
+    assert all(record['status'] == 'answered' for record in records.values())
+    for (_, case), record in records.items():
+        known = truths[case]['labels'] if truths[case]['in_catalogue'] else []
+        assert [cause['term'] for cause in record['answer']['causes']] == known
+    assert trial.frozen(TrialFolder(tmp_path))
+
+
+def test_a_truth_that_was_changed_after_it_was_published_is_caught(tmp_path):
+    trial.run(SETUP, tmp_path, SOURCE)
+    opened = read_json(tmp_path / 'opened.json')
+    opened['cases']['case_002']['truth']['labels'] = ['obstacle']
+    write_json(tmp_path / 'opened.json', opened)
+    with pytest.raises(ArmBrachyError, match='case_002 is not what was published'):
+        trial.verify(TrialFolder(tmp_path))
+
+
+def test_an_answer_that_was_changed_after_it_was_published_is_caught(tmp_path):
+    trial.run(SETUP, tmp_path, SOURCE)
+    path = tmp_path / 'answers' / 'absolute' / 'case_001.json'
+    write_json(path, {**read_json(path), 'seconds': 0.0})
+    with pytest.raises(ArmBrachyError, match='the answer to absolute/case_001'):
+        trial.run(SETUP, tmp_path, SOURCE)
+
+
+@pytest.mark.parametrize(('spoil', 'status'), [
+    ('sys.exit(3)', 'crashed'), ('raise RuntimeError', 'crashed'), ('time.sleep(60)', 'timed out'),
+    ('answer = ["no", "object"]', 'crashed'), ('answer["x"] = float("nan")', 'crashed')])
+def test_crashes_and_time_outs_are_kept_and_not_tried_again(tmp_path, spoil, status):
+    setup = replace(SETUP, limit=4.0, detector=detector(spoil))
+    _, truths, records = trial.run(setup, tmp_path, SOURCE)
+    spoiled = [one for (_, case), one in records.items() if truths[case]['labels'] == ['backlash']]
+    assert spoiled
+    assert {one['status'] for one in spoiled} == {status}
+    assert {one['answer'] for one in spoiled} == {None}
+    _, _, again = trial.run(setup, tmp_path, SOURCE)
+    assert again == records
+
+
+def test_a_trial_that_was_interrupted_goes_on_where_it_was(tmp_path):
+    def stop(stage, done, of):
+        if stage == 'answering' and done == 2:
+            raise KeyboardInterrupt
+    with pytest.raises(KeyboardInterrupt):
+        trial.run(replace(SETUP, workers=1), tmp_path, SOURCE, stop)
+    held = sorted((tmp_path / 'answers' / 'absolute').glob('*.json'))
+    texts = [path.read_text() for path in held]
+    assert len(held) in (2, 3)      # the next may have ended before it could be called off
+    made = (tmp_path / 'made.txt').read_text()
+    _, _, records = trial.run(SETUP, tmp_path, SOURCE)
+    assert len(records) == 5
+    assert [path.read_text() for path in held] == texts
+    assert (tmp_path / 'made.txt').read_text() == made
+
+
+def test_a_folder_goes_on_with_what_it_was_begun_with_or_not_at_all(tmp_path):
+    trial.begin(SETUP, TrialFolder(tmp_path))
+    with pytest.raises(InputError, match='begun with cases 5, not 6'):
+        trial.begin(replace(SETUP, cases=6), TrialFolder(tmp_path))
+    with pytest.raises(InputError, match='begun with beacon'):
+        trial.begin(replace(SETUP, beacon='another'), TrialFolder(tmp_path))
+    begun = trial.begin(replace(SETUP, beacon=''), TrialFolder(tmp_path))
+    assert begun['beacon'] == 'drawn'
+
+
+def test_a_trial_is_made_by_one_program_and_says_if_the_detector_changed(tmp_path):
+    trial.begin(SETUP, TrialFolder(tmp_path))
+    begun = read_json(tmp_path / 'secret.json')
+    write_json(tmp_path / 'secret.json', {**begun, 'program': 'another'})
+    with pytest.raises(InputError, match='the program was changed'):
+        trial.run(SETUP, tmp_path, SOURCE)
+    write_json(tmp_path / 'secret.json', begun)
+    trial.run(SETUP, tmp_path, SOURCE)
+    published = read_json(tmp_path / 'published.json')
+    write_json(tmp_path / 'published.json', {**published, 'program': 'another'})
+    assert not trial.frozen(TrialFolder(tmp_path))
+
+
+def test_the_same_beacon_and_commit_give_the_same_cases():
+    wishes = {'single': ('a', 'b', 'c')}
+    one, two, three = (plan.draw(seal.seed_of('commit', beacon), 40, wishes)
+                       for beacon in ('x', 'x', 'y'))
+    assert one == two
+    assert one != three
+    assert one[7].rng().random() == two[7].rng().random()
+    assert one[7].rng().random() != one[8].rng().random()
+
+
+def test_case_numbers_tell_nothing_of_kinds():
+    kinds = [job.kind for job in plan.draw(seal.seed_of('commit', 'x'), 540, {})]
+    assert {kind: kinds.count(kind) for kind in plan.SHARES} == plan.SHARES
+    nulls = [i for i, kind in enumerate(kinds) if kind == 'null']
+    # the mean number of 120 of 540 at random: 269.5 +- 12.6
+    assert abs(sum(nulls) / len(nulls) - 269.5) < 4 * 12.6
+
+
+@pytest.mark.parametrize('cases', [1, 7, 60, 541])
+def test_every_number_of_cases_is_shared_out_whole(cases):
+    assert sum(plan.counts(cases).values()) == cases
+
+
+def test_what_the_detector_is_given_says_neither_kind_nor_date(tmp_path):
+    trial.run(SETUP, tmp_path, SOURCE)
+    given = [*(tmp_path / 'recordings').iterdir()]
+    assert len({path.stat().st_mtime for path in given}) == 1
+    files = {tuple(sorted(str(p.relative_to(one)) for p in one.rglob('*'))) for one in given}
+    assert len(files) == 1
+    published = json.dumps(read_json(tmp_path / 'published.json'))
+    assert 'backlash' not in published
+    assert 'beacon' not in published
