@@ -26,6 +26,7 @@ from arm_brachy.evaluation.page import (
 
 MOODS = {'named': 'bad', 'nothing_missing': 'good', 'equivalent': 'open', 'unexplained': 'open'}
 MOST_LINES = 6   # places or intervals in words; more do not make the page clearer
+EVERY = -1          # index of a pad that stands for all of them
 PARAMETERS = (Column('Parameter', numeric=False), Column('Meaning', numeric=False),
               Column('Value'), Column('90 % interval'), Column('Unit', numeric=False))
 ALTERNATIVES = (Column('Explanation', numeric=False), Column('Held-out score', 'nat'),
@@ -154,7 +155,7 @@ def _options(d, body):
 
 def _cause(cause, body):
     chosen = [_chosen(key, value, body) for key, value in cause.applies_to.items()
-              if value not in ((), '')]
+              if value not in ((), '', EVERY)]
     return _Cause(_capital(wording.spoken(cause.term)), cause.spec.summary,
                   f' ({", ".join(chosen)})' if chosen else '', cause.spec.equation, cause.symbols,
                   _parameter_grid(cause.shown()), f'Source: {cause.spec.source}.')
@@ -163,6 +164,8 @@ def _cause(cause, body):
 def _chosen(key, value, body):
     if key == 'actuators':   # indices into the bank, which has the order of the pads
         return f'of {wording.listed([body.pads[i].name for i in value])}'
+    if key == 'pad':
+        return f'with {body.pads[value].name}'
     return f'{key} {value if isinstance(value, str) else wording.listed(map(str, value))}'
 
 

@@ -2,7 +2,6 @@
 
 `python -m arm_brachy.prove.generator.convergence` prints the table (some minutes).
 """
-import logging
 import time
 from dataclasses import replace
 
@@ -78,7 +77,6 @@ def study_effects(body, seed=0, fine=FINE):
 
 def main():
     """Print the studies of one random body with one pad at its full stroke."""
-    logging.getLogger('skfem').setLevel(logging.ERROR)
     body = draw_body(np.random.default_rng(2), 'study')
     body = replace(body, pads=body.pads[:1])
     print('pressure  size/radius  unknowns  marker error [mm]  force error [%]  CPU [s]')
