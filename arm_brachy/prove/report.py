@@ -85,7 +85,10 @@ def _percents(one):
 
 
 def _median(one):
-    return '-' if one['median'] is None else f'{one["median"]:.2g} {one["unit"]} of {one["of"]}'
+    if one['median'] is None:
+        return '-'
+    unit = '' if one['unit'] == '1' else f' {one["unit"]}'
+    return f'{one["median"]:.2g}{unit} (of {one["of"]})'
 
 
 def confusion(truths, records, mode):
