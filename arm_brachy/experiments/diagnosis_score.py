@@ -84,12 +84,12 @@ def _modulus(answer, label):
     given = load_scene(SCENE).material.E / 1e3
     true = given * label['fields']['factor']
     return _worth(abs(told['value'] - true) / abs(true - given),
-                  _holds(told['interval_90'], np.array([true])))
+                  holds(told['interval_90'], np.array([true])))
 
 
-def _worth(error, holds):
+def _worth(error, held):
     return {'parameter_error_percent': 100.0 * float(error),
-            'parameter_right': bool(error <= TOLERANCE), 'interval_holds': holds}
+            'parameter_right': bool(error <= TOLERANCE), 'interval_holds': held}
 
 
 def score(label, line):
@@ -162,13 +162,13 @@ def _parameter(cause, label):
     told = {name: cause['parameters'].get(infos[name].key(name)) for name in true}
     if None in told.values():
         return {'parameter_right': False, 'interval_holds': False}
-    holds = all(_holds(told[name]['interval_90'], true[name]) for name in true)
+    held = all(holds(told[name]['interval_90'], true[name]) for name in true)
     if label['term'] in PRODUCTS:
         product = PRODUCTS[label['term']]
         found = product({**label['fields'], **_scalars(cause, infos)})
-        return _worth(abs(found / product(label['fields']) - 1.0), holds)
-    return _worth(max(_departure(infos[name], told[name]['value'], true[name])
-                      for name in true), holds)
+        return _worth(abs(found / product(label['fields']) - 1.0), held)
+    return _worth(max(departure(infos[name], told[name]['value'], true[name])
+                      for name in true), held)
 
 
 def _edge(info, value):
@@ -182,28 +182,40 @@ def _scalars(cause, infos):
             for key, one in cause['parameters'].items() if key in keys}
 
 
-def _departure(info, found, true):
+def departure(info, found, true):
+    """Error over the departure from the value that switches a term off (0 if that is infinite).
+
+    info : core.quantity;  found, true : numbers or sequences, in one unit
+    """
     off = info.neutral if info.neutral is not None and np.isfinite(info.neutral) else 0.0
-    return float(np.linalg.norm(np.atleast_1d(found) - true) / np.linalg.norm(true - off))
+    found, true = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (found, true))
+    return float(np.linalg.norm(found - true) / np.linalg.norm(true - off))
 
 
-def _holds(interval, true):
-    """True if true (c,) lies in [low, high]; an end that is null is open."""
+def holds(interval, true):
+    """True if true, a number or (c,), lies in [low, high]; an end that is null is open."""
     low, high = (np.array([fill if v is None else v for v in np.atleast_1d(
         np.asarray(end, dtype=object))], dtype=float)
         for end, fill in zip(interval, (-np.inf, np.inf), strict=True))
+    true = np.atleast_1d(np.asarray(true, dtype=float))
     return bool(np.all((low <= true) & (true <= high)))
+
+
+def onset_told(answer, cause):
+    """Onset [s] that an answer tells of a cause, middle of its interval or parameter; or None."""
+    told = [np.mean(i['onset_s']) for i in answer['when']
+            if i.get('term') == cause['term'] and None not in i.get('onset_s', (None,))]
+    if not told and 'onset_s' in cause['parameters']:
+        told = [cause['parameters']['onset_s']['value']]
+    return float(told[0]) if told else None
 
 
 def _onset(answer, cause, label):
     """Middle of the onset's interval minus the onset, from `when` or from the parameter."""
     if 'onset' not in label['place']:
         return {}
-    told = [np.mean(i['onset_s']) for i in answer['when']
-            if i.get('term') == label['term'] and None not in i.get('onset_s', (None,))]
-    if not told and 'onset_s' in cause['parameters']:
-        told = [cause['parameters']['onset_s']['value']]
-    if not told:
+    told = onset_told(answer, cause)
+    if told is None:
         return {'onset_right': False}
-    error = float(told[0] - label['place']['onset'])
+    error = told - label['place']['onset']
     return {'onset_right': abs(error) <= SOON, 'onset_error_s': error}

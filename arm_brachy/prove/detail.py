@@ -3,7 +3,15 @@
 import numpy as np
 
 from arm_brachy.core.quantity import quantities
-from arm_brachy.experiments.diagnosis_score import NEAR, PRODUCTS, SOON, TOLERANCE
+from arm_brachy.experiments.diagnosis_score import (
+    NEAR,
+    PRODUCTS,
+    SOON,
+    TOLERANCE,
+    departure,
+    holds,
+    onset_told,
+)
 from arm_brachy.registry import by_name
 
 EMPTY = {'place_right': None, 'place_error_mm': None, 'onset_right': None, 'onset_error_s': None,
@@ -63,13 +71,10 @@ def _onset(answer, cause, effect, start):
     if cause is None:
         inside = [i for i in answer['when'] if _inside(i, true)]
         return {'onset_right': bool(inside)}
-    told = [np.mean(i['onset_s']) for i in answer['when']
-            if i.get('term') == effect['name'] and None not in i.get('onset_s', (None,))]
-    if not told and 'onset_s' in cause['parameters']:
-        told = [cause['parameters']['onset_s']['value']]
-    if not told:
+    told = onset_told(answer, cause)
+    if told is None:
         return {'onset_right': False}
-    error = float(told[0] - true)
+    error = told - true
     return {'onset_right': abs(error) <= SOON, 'onset_error_s': error}
 
 
@@ -96,7 +101,7 @@ def _parameters(cause, effect):
     errors = [departure(info, told[key]['value'], effect['values'][key]) for info, key in keys]
     if effect['name'] in PRODUCTS:
         errors = [_product(effect, told, infos)]
-    held = all(_holds(told[key]['interval_90'], effect['values'][key]) for _, key in keys)
+    held = all(holds(told[key]['interval_90'], effect['values'][key]) for _, key in keys)
     worst = float(max(errors))
     return {'parameter_error_percent': 100.0 * worst, 'parameter_right': worst <= TOLERANCE,
             'interval_holds': held}
@@ -104,13 +109,6 @@ def _parameters(cause, effect):
 
 def _is_off(info, value):
     return bool(np.all(np.asarray(value, dtype=float) == info.neutral))
-
-
-def departure(info, found, true):
-    """Error over the departure from the value that switches the effect off (0 if infinite)."""
-    off = info.neutral if np.isfinite(info.neutral) else 0.0
-    found, true = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (found, true))
-    return float(np.linalg.norm(found - true) / np.linalg.norm(true - off))
 
 
 def _product(effect, told, infos):
@@ -123,11 +121,3 @@ def _product(effect, told, infos):
     true = fields(effect['values'])
     found = {**true, **fields({key: one['value'] for key, one in told.items()})}
     return abs(product(found) / product(true) - 1.0)
-
-
-def _holds(interval, true):
-    low, high = (np.array([fill if v is None else v for v in np.atleast_1d(
-        np.asarray(end, dtype=object))], dtype=float)
-        for end, fill in zip(interval, (-np.inf, np.inf), strict=True))
-    true = np.atleast_1d(np.asarray(true, dtype=float))
-    return bool(np.all((low <= true) & (true <= high)))

@@ -70,6 +70,7 @@ def test_rests_differ_by_what_the_noise_says(forces, colour, variance):
 
 
 def test_a_jump_is_no_noise_and_what_is_no_noise_has_an_end(forces):
+    """One step of 39 jumps: the median of squares moves by 2.6 % of their ranks, 12 % at most."""
     noise = Noise(np.full((4, 3), SD), Colour(SHARE, TIME), PERIOD, np.eye(3), 'idle')
     jump = forces.values + (forces.t > 20.0)[:, None, None]
     wild = forces.values + np.sin(forces.t)[:, None, None]
@@ -77,7 +78,7 @@ def test_a_jump_is_no_noise_and_what_is_no_noise_has_an_end(forces):
     def seen(values):
         return excess(Stream(FORCE, forces.t, forces.names, values, forces.valid, forces.bodies,
                              forces.rest), noise, RESTS)
-    assert seen(jump) == pytest.approx(excess(forces, noise, RESTS), rel=0.2)
+    assert seen(jump) == pytest.approx(excess(forces, noise, RESTS), rel=0.15)
     assert seen(wild) == MOST_EXCESS
 
 
