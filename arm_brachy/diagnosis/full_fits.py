@@ -7,7 +7,7 @@ import numpy as np
 
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.assembly import features_of, structured_tests
-from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
+from arm_brachy.diagnosis.fitted import fit_in_full, law_of, parts_of
 from arm_brachy.diagnosis.held_out import stacked
 from arm_brachy.diagnosis.law_error import by_channel
 from arm_brachy.diagnosis.model_error import Accuracy
@@ -44,18 +44,20 @@ class FullFits:
                                  zip(parts, found.refit.residual, strict=True)])
         U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts])])
         return self._scan(U, np.concatenate([part.named for part in parts]), tests, effect,
-                          [part.observables for part in parts])
+                          [part.observables for part in parts],
+                          law_of(found.hypotheses, self._law))
 
     def _linear(self, candidate):
         """The Scan of what the linear answer leaves."""
         problem, found = self._assembly.problem, candidate.explanations
+        law = law_of([self._assembly.hypothesis_of(e)[0] for e in found], self._law)
         columns = np.hstack([e.columns for e in found])
         return self._scan(np.hstack([problem.U, columns]), problem.r, problem.tests,
                           columns @ candidate.mean,
-                          [m.observables for m in self._assembly.matched])
+                          [m.observables for m in self._assembly.matched], law)
 
-    def _scan(self, U, r, tests, effect, observables):
-        """The Scan beside U of r (N,) with an effect (N,) in it that a law knows so far."""
-        U = np.hstack([U, by_channel(observables, self._law * effect)])
-        weight = 1.0 / np.sqrt(1.0 + np.square(self._law * effect))
+    def _scan(self, U, r, tests, effect, observables, law):
+        """The Scan beside U of r (N,) with an effect (N,) in it that is known to a share, law."""
+        U = np.hstack([U, by_channel(observables, law * effect)])
+        weight = 1.0 / np.sqrt(1.0 + np.square(law * effect))
         return scan(weight[:, None] * U, weight * r, weight[:, None] * tests, self._rng)

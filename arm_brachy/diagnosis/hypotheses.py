@@ -13,7 +13,7 @@ from arm_brachy.registry import TERMS
 HIDDEN = (Stage.SETPOINT, Stage.ENCODER)    # before or at the encoders, which drive the model
 RECALIBRATED = ('stiffness_scale',)         # no physics that is missing: the scene's own modulus
 INERTIAL = ('damping',)                     # nothing without inertia
-COSTLY = ('pad_slip',)      # beside terms with memory: minutes of full runs with contact
+LOOSENING = ('pad_slip',)   # condensed; beside terms with memory minutes of runs with contact
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def triable(cls, remembers=False):
         return 'acts before the encoders, which hide it'
     if name in RECALIBRATED:
         return 'is recalibrated, not missing'
-    if name in COSTLY and remembers:
+    if name in LOOSENING and remembers:
         return 'asks for full runs beside terms with memory'
     return 'has no effect without inertia' if name in INERTIAL else ''
 

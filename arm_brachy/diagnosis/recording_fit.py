@@ -13,8 +13,14 @@ from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.carried import Past
 from arm_brachy.diagnosis.forward import STAGES, ForwardModel
+from arm_brachy.diagnosis.hypotheses import LOOSENING
 from arm_brachy.diagnosis.observables import Observables
-from arm_brachy.diagnosis.responses import body_change, sensing_change, transmission_change
+from arm_brachy.diagnosis.responses import (
+    body_change,
+    loosened_change,
+    sensing_change,
+    transmission_change,
+)
 from arm_brachy.diagnosis.specimen import Specimen
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.registry import TERMS
@@ -49,22 +55,28 @@ class RecordingFit:
     """Predictions of one Data and their derivatives.
 
     terms : what is to be fitted, at any values: those that act on sensors alone share one
-        Baseline, those with memory the motion without them (unless pads touch)
+        Baseline, those with memory the motion without them; pads that they loosen are condensed
+        to their faces (`slip`)
     runs : forward runs made;  carries : True if memories follow that motion
     plain : (N,) residual without the terms, None unless `carries`
+    Raises NotConverged for memories beside pads that touch.
     """
 
     def __init__(self, data, terms):
         self.data, self.runs, self.plain = data, 0, None
         self._added, self._still, self._past = dict(data.offset), None, None
         self._last = None   # equilibria of the model before, from which those of the next begin
+        self._bonded = None     # (terms, Baseline) of the model before whose pads come loose
         if data.baseline is not None:
             self._last = data.baseline.model.equilibria
         if all(term.stage in STAGES.values() for term in terms):
             self._still = self._plain()
             return
         whole = self.model(terms)
-        if whole.remembers and not touches(whole.body).any():
+        if whole.remembers and touches(whole.body).any():
+            raise NotConverged('memories beside pads that touch ask for a run with contact at '
+                               'every step: it takes hours')
+        if whole.remembers:
             plain = self._plain()
             self._past = Past(plain.trajectory, plain.model.body.mesh.nodes)
             self.plain = data.observables.residual(plain.shown)
@@ -96,8 +108,19 @@ class RecordingFit:
         if self._still is not None:
             return self._still.model, self._offset(self._sensed(terms))
         model = self.model(terms)
-        found = self._run(model)
+        found = self._loosened(terms) if touches(model.body).any() else self._run(model)
         return model, None if found is None else self._offset(found)
+
+    def _loosened(self, terms):
+        """Prediction with pads that a term takes off their bonds, None where it is not found."""
+        loose, = (term for term in terms if term.spec.name in LOOSENING)
+        others = tuple(term for term in terms if term is not loose)
+        if self._bonded is None or self._bonded[0] != others:
+            self._bonded = others, Baseline(self.model(others), self.data.encoder, self.data.t)
+        bonded = self._bonded[1]
+        change = loosened_change(bonded, loose)
+        found = {kind: bonded.shown[kind] + change[kind] for kind in STAGES}
+        return found if all(np.isfinite(one).all() for one in found.values()) else None
 
     def correct(self, terms, shown):
         """Step all memories: from now on that is added to which `shown` with terms lacks.

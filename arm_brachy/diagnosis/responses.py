@@ -127,13 +127,23 @@ def rebuilt(old, new):
 def _supported(baseline, term, scale):
     """Condensed to the nodes of a support or loose pad without memory, else run in full."""
     body, terms = _prepared(baseline.model, term)
-    changes = None
-    if not any(one.memory(body) is not None for one in terms):
-        change = slip_change if touches(body).any() else interface_change
-        changes = change(baseline, body)
+    if any(one.memory(body) is not None for one in terms):
+        return _rerun(baseline, term, scale)
+    if touches(body).any():
+        return _by(scale, loosened_change(baseline, term))
+    changes = interface_change(baseline, body)
     if changes is None:
         return _rerun(baseline, term, scale)
     return _by(scale, _difference(baseline, [baseline.split(change) for change in changes]))
+
+
+def loosened_change(baseline, term):
+    """Return the change kind -> (n, c, 3) by a term that takes pads off their bonds (`slip`).
+
+    baseline : of a model without memory. NaN from a state on that is not found
+    """
+    changes = slip_change(baseline, _prepared(baseline.model, term)[0])
+    return _difference(baseline, [baseline.split(change) for change in changes])
 
 
 def _rerun(baseline, term, scale):

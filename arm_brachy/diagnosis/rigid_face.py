@@ -20,6 +20,7 @@ class Face:
     surface : SurfaceQuadrature, nodes as 0 to k - 1
     turn, origin : (3, 3), (3,) [m] of the core at zero displacement;  core : as the kernels take
         it;  friction : Coulomb coefficient;  law : (k, s, k_t) of `contact`
+    relief : (k, 3) [m] or 0, as `contact.ContactPair` has it, of these nodes
     """
 
     surface: SurfaceQuadrature
@@ -28,6 +29,7 @@ class Face:
     core: tuple
     friction: float
     law: tuple
+    relief: np.ndarray | float = 0.0
 
     def untouched(self, y, way):
         """Return the PointStates at y (k, 3) [m] of points that have borne nothing yet."""
@@ -45,9 +47,9 @@ class Face:
         s, gap = self.surface, np.empty(self.surface.weights.shape)
         position, normal = np.empty((2, *gap.shape, 3))
         pressure = np.empty_like(gap)
-        kernels.contact_points(y, np.arange(len(s.faces)), s.faces, s.shape, self.turn,
-                               self.origin + way, *self.core, self.law, position, gap, pressure,
-                               normal)
+        kernels.contact_points(y - self.relief, np.arange(len(s.faces)), s.faces, s.shape,
+                               self.turn, self.origin + way, *self.core, self.law, position, gap,
+                               pressure, normal)
         if lagged:
             return PointStates(position, gap, pressure, points.normal, points.anchor, points.limit)
         return PointStates(position, gap, pressure, normal, points.anchor,
@@ -56,9 +58,10 @@ class Face:
     def gradient(self, y, way, points):
         """Return the gradient (k, 3) [N] of the contact potential by y, and the potential [J]."""
         s, out = self.surface, np.zeros_like(y)
-        energy = kernels.contact_forces(y, _bearing(points), s.faces, s.shape, s.weights,
-                                        self.turn, self.origin + way, *self.core, self.law,
-                                        points.limit, points.normal, points.anchor, out)
+        energy = kernels.contact_forces(y - self.relief, _bearing(points), s.faces, s.shape,
+                                        s.weights, self.turn, self.origin + way, *self.core,
+                                        self.law, points.limit, points.normal, points.anchor,
+                                        out)
         return out, energy
 
     def bearing(self, points):
@@ -74,10 +77,10 @@ class Face:
         s, near, size = self.surface, _bearing(points), len(out)
         faces = np.searchsorted(nodes, s.faces[near])
         columns = np.repeat(3 * faces[:, None, :], faces.shape[1], axis=1)
-        kernels.contact_tangent(y[nodes], np.arange(len(near)), faces, s.shape, s.weights[near],
-                                self.turn, self.origin + way, *self.core, self.law,
-                                points.limit[near], points.normal[near], points.anchor[near],
-                                convex, 0.0 if lagged else self.friction,
+        kernels.contact_tangent((y - self.relief)[nodes], np.arange(len(near)), faces, s.shape,
+                                s.weights[near], self.turn, self.origin + way, *self.core,
+                                self.law, points.limit[near], points.normal[near],
+                                points.anchor[near], convex, 0.0 if lagged else self.friction,
                                 size * np.arange(size + 1), columns, out.reshape(-1))
 
     def drawn(self, points):

@@ -43,13 +43,23 @@ class PadFace:
 
 
 @dataclass(frozen=True)
+class PadFootprint:
+    """The face of a pad that came off its glue: the shape of the patch that it was bonded to.
+
+    friction : Coulomb coefficient
+    """
+
+    friction: float
+
+
+@dataclass(frozen=True)
 class Pad:
     """A rigid disc on the surface; it translates, it does not rotate.
 
     nodes : (k,) node indices under the disc;  direction : (3,) unit vector into the tissue
     centre : (3,) [m] of the disc at rest;  stroke : largest displacement along direction [m]
     radius : [m] of the disc; None where the nodes are all that is known of it
-    face : PadFace of a pad that only touches, None = bonded to its nodes. Only
+    face : PadFace or PadFootprint of a pad that only touches, None = bonded to its nodes. Only
         `contact_pads.PadContact` and with it the plant take notice: every other solver bonds all
         pads, which is how models of a touching plant are made (README)
     """
@@ -59,7 +69,7 @@ class Pad:
     direction: np.ndarray
     centre: np.ndarray
     stroke: float
-    face: PadFace | None = None
+    face: PadFace | PadFootprint | None = None
     radius: float | None = None
 
 

@@ -48,6 +48,9 @@ class ContactPair:
 
     shape : contact_shapes.AbstractShape;  friction : Coulomb coefficient mu >= 0
     faces : (f, 3) boundary triangles it may touch, None = all;  name : for messages
+    relief : (n, 3) [m] taken off the nodes' positions before distances are, None = nothing: how
+        far a face that fits the tissue rises above the shape that stands for it. Such a body may
+        be shifted, not turned
     Raises ConfigError for a negative coefficient.
     """
 
@@ -55,6 +58,7 @@ class ContactPair:
     shape: AbstractShape
     friction: float = 0.0
     faces: np.ndarray | None = None
+    relief: np.ndarray | None = None
 
     def __post_init__(self):
         if not 0.0 <= self.friction < np.inf:
@@ -136,7 +140,8 @@ class ContactAssembler:
             self._near, self._near_at = [], x.copy()
             for i, (surface, points) in enumerate(zip(self._surfaces, self.points, strict=True)):
                 clear = np.empty(len(surface.faces))
-                kernels.clearances(x, surface.faces, surface.spread, *self._body(i), clear)
+                kernels.clearances(self._flat(i, x), surface.faces, surface.spread,
+                                   *self._body(i), clear)
                 loaded = points.limit.any(axis=1)
                 self._near.append(np.flatnonzero(loaded | (clear <= self._margin)))
         return self._near[b]
@@ -182,7 +187,7 @@ class ContactAssembler:
                                       gap=np.full_like(points.gap, np.inf),
                                       pressure=np.zeros_like(points.gap),
                                       normal=np.zeros_like(points.normal))
-            kernels.contact_points(x, self._near_faces(b, x), surface.faces,
+            kernels.contact_points(self._flat(b, x), self._near_faces(b, x), surface.faces,
                                    surface.shape, *self._body(b), self._law, new.position,
                                    new.gap, new.pressure, new.normal)
             found.append(new)
@@ -191,14 +196,14 @@ class ContactAssembler:
     def least_gap(self, b, x):
         """Return the smallest signed distance [m] of the points of x (n, 3) [m] from body b."""
         s = self._surfaces[b]
-        at = np.einsum('qa,fai->fqi', s.shape, x[s.faces]).reshape(-1, 3)
+        at = np.einsum('qa,fai->fqi', s.shape, self._flat(b, x)[s.faces]).reshape(-1, 3)
         return float(self._distances(b, at).min())
 
     def node_gaps(self, b, x):
         """Return (n,) [m]: distances of the nodes of x (n, 3) body b may touch, inf elsewhere."""
         nodes = np.unique(self._surfaces[b].faces)
         gaps = np.full(self.n, np.inf)
-        gaps[nodes] = self._distances(b, x[nodes])
+        gaps[nodes] = self._distances(b, self._flat(b, x)[nodes])
         return gaps
 
     def _distances(self, b, points):
@@ -264,6 +269,11 @@ class ContactAssembler:
         self._add_tangent(b, x, False, data)
         return csr_array((data, indices, indptr), shape=(3 * self.n, 3 * self.n))
 
+    def _flat(self, b, x):
+        """Positions (n, 3) [m] as the shape of body b sees them."""
+        relief = self.pairs[b].relief
+        return x if relief is None else x - relief
+
     def _body(self, b):
         return (*self._poses[b], *self.pairs[b].shape.core)
 
@@ -273,14 +283,15 @@ class ContactAssembler:
 
     def _add_forces(self, b, x, out):
         s = self._surfaces[b]
-        return kernels.contact_forces(x, self._near_faces(b, x), s.faces, s.shape, s.weights,
-                                      *self._body(b), self._law, *self._friction(b), out)
+        return kernels.contact_forces(self._flat(b, x), self._near_faces(b, x), s.faces, s.shape,
+                                      s.weights, *self._body(b), self._law, *self._friction(b),
+                                      out)
 
     def _add_tangent(self, b, x, convex, data, mu=0.0):
         s, x = self._surfaces[b], np.ascontiguousarray(x, dtype=float)
-        kernels.contact_tangent(x, self._near_faces(b, x), s.faces, s.shape, s.weights,
-                                *self._body(b), self._law, *self._friction(b), convex, mu,
-                                self.pattern[0], self._columns[b], data)
+        kernels.contact_tangent(self._flat(b, x), self._near_faces(b, x), s.faces, s.shape,
+                                s.weights, *self._body(b), self._law, *self._friction(b), convex,
+                                mu, self.pattern[0], self._columns[b], data)
 
 
 def _core_pose(shape, X_WB):

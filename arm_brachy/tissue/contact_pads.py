@@ -1,24 +1,39 @@
 """The touching pads of a body, as the plant drives them: displacements in, loads on pads out.
 
-Zero displacement is where the flat face, moved along its direction, just touches the body at
-rest. On a convex body that is outside the pad's centre, which lies on the surface, by what the
-surface bends away from a plane under the disc (4 to 7 mm on the breast): a touching pad comes
-to bear gradually where a bonded one holds its whole patch from the start.
+Zero displacement is where the face, moved along its direction, just touches the body at rest. A
+footprint touches its whole patch there. A flat face touches a convex body outside the pad's
+centre, which lies on the surface, by what the surface bends away from a plane under the disc (4
+to 7 mm on the breast): it comes to bear gradually where a bonded pad holds its whole patch from
+the start.
 """
 
 import dataclasses
 
 import numpy as np
 
+from arm_brachy.tissue.body import PadFootprint
 from arm_brachy.tissue.contact import ContactPair
 from arm_brachy.tissue.contact_poses import moved, placed
-from arm_brachy.tissue.contact_shapes import Disc
+from arm_brachy.tissue.contact_shapes import Disc, Plane
 from arm_brachy.tissue.contact_solver import ContactSolver
+from arm_brachy.tissue.mesh import boundary_faces
 
 
 def touches(body):
     """Return (p,) bool: which pads of a SoftBody have a face and touch; the others are bonded."""
     return np.array([pad.face is not None for pad in body.pads], dtype=bool)
+
+
+def _pair(mesh, pad):
+    """The ContactPair of a Pad with a face on a TetMesh."""
+    if not isinstance(pad.face, PadFootprint):
+        return ContactPair(pad.name, Disc(pad.face.radius, pad.face.edge_radius),
+                           pad.face.friction)
+    faces = boundary_faces(mesh)
+    rise = (mesh.nodes - pad.centre) @ pad.direction
+    return ContactPair(pad.name, Plane(), pad.face.friction,
+                       faces[np.isin(faces, pad.nodes).all(axis=1)],
+                       np.outer(rise, pad.direction))
 
 
 class PadContact:
@@ -34,8 +49,7 @@ class PadContact:
         self.touching = touches(body)
         pads = [pad for pad in body.pads if pad.face is not None]
         bonded = tuple(pad for pad in body.pads if pad.face is None)
-        pairs = [ContactPair(p.name, Disc(p.face.radius, p.face.edge_radius), p.face.friction)
-                 for p in pads]
+        pairs = [_pair(body.mesh, pad) for pad in pads]
         self.body = body
         self.solver = ContactSolver(dataclasses.replace(body, pads=bonded), pairs, law=law,
                                     options=options, newton=newton)

@@ -3,10 +3,9 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantity
 from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
-from arm_brachy.tissue.body import PadFace
+from arm_brachy.tissue.body import PadFootprint
 from arm_brachy.tissue.terms.selection import chosen_pads, with_pad
 
 
@@ -15,14 +14,14 @@ class PadSlip(BodyTerm):
     """Coulomb friction between pad and tissue in place of a bond (`contact`, `contact_pads`).
 
     Symbols: p pressure, t shear traction, v sliding velocity of the tissue on the pad, mu
-    `friction`. A bonded pad becomes the flat disc that it stands for, its edge rounded; one that
-    touches already keeps its face and gets this coefficient.
+    `friction`. The face of a bonded pad has the shape of the patch that it was bonded to, and
+    touches all of it at rest; p acts along the pad's direction, t across it, which holds while
+    the patch slides by less than it takes for its slope to change. A pad that touches already
+    keeps its face and gets this coefficient.
 
-    Large mu is not a bond: a pad that touches pushes with its flat face, from where that just
-    touches the body at rest (on the breast 4 to 7 mm outside the centre of the patch that was
-    bonded), and it can never pull, so a pad that is retracted, or tissue that shrinks from it,
-    shows the difference at any mu. Models of the controller bond every pad (`Pad.face`), so the
-    term acts in the plant alone, in quasi-static motion.
+    Large mu is not a bond: a pad that touches can never pull, so a pad that is retracted, or
+    tissue that shrinks from it, shows the difference at any mu. Models of the controller bond
+    every pad (`Pad.face`), so the term acts in the plant alone, in quasi-static motion.
     Test: tissue/terms/test_pad_slip.py (cone at every point, sliding force, stick as bonded)
     """
 
@@ -31,9 +30,6 @@ class PadSlip(BodyTerm):
         prior=('lognormal', 0.3, 2.0), typical=0.3,
         source='0.2 to 0.5 of dry skin on smooth polymers, Derler & Gerhardt 2012, Tribol Lett '
                '45:1; a pad that never slips in the limit of large values', neutral=float('inf'))
-    edge_radius: float = quantity(
-        2.0, 'mm', 'rounding of the edge of a pad that was bonded', low=0.05, high=50.0,
-        source='as for pads of a scene that touch')
     pads: tuple[str, ...] = ()  # names; empty means all
 
     spec: ClassVar[TermSpec] = TermSpec(
@@ -49,21 +45,13 @@ class PadSlip(BodyTerm):
     def prepare(self, body):
         """Return `body` with pads that touch.
 
-        Raises ConfigError for a pad that the body does not have, one whose radius is not known,
-        or an edge rounder than the pad.
+        Raises ConfigError for a pad that the body does not have.
         """
         for i in chosen_pads(body, self.pads, self.spec.name):
             body = replace(body, pads=with_pad(body, i, self._loose(body.pads[i])))
         return body
 
     def _loose(self, pad):
-        if pad.face is not None:
-            return replace(pad, face=replace(pad.face, friction=self.friction))
-        if pad.radius is None:
-            raise ConfigError(f'pad_slip: pad {pad.name} is known by its nodes alone; must be a '
-                              'disc with a radius to touch; give the pad centre, direction and '
-                              'radius instead of a node set')
-        if self.edge_radius > pad.radius:
-            raise ConfigError(f'pad_slip: edge_radius_mm = {1e3 * self.edge_radius:g}; must be at '
-                              f'most the radius of pad {pad.name}, {1e3 * pad.radius:g} mm')
-        return replace(pad, face=PadFace(pad.radius, self.edge_radius, self.friction))
+        face = PadFootprint(self.friction) if pad.face is None else replace(
+            pad.face, friction=self.friction)
+        return replace(pad, face=face)

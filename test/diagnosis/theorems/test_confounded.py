@@ -7,6 +7,7 @@ import pytest
 
 from arm_brachy.diagnosis.finding import Calibration
 from arm_brachy.diagnosis.hypotheses import triable
+from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.stream import BASE, EM, OPTICAL, TISSUE
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.registry import by_name
@@ -172,9 +173,18 @@ def slipping(friction):
     return {'name': 'pad_slip', 'friction': friction, 'pads': ['pad_1']}
 
 
-def test_t11_friction_is_not_seen_until_something_slips(breast, pushes):
+@pytest.fixture
+def flat(breast):
+    """The breast, one pad a flat disc that touches it."""
+    scene = breast.specimen.scene
+    first, *others = scene.pads
+    touching = replace(scene, pads=(replace(first, contact='touching'), *others))
+    return type(breast)(specimen_of(touching, breast.specimen.mesh))
+
+
+def test_t11_friction_is_not_seen_until_something_slips(flat, pushes):
     path, t = pushes(((1, 0, 0, 0), 3e-3, 5e-3), stand=0.2, idle=1.0), [1.3, 1.6]
-    stuck, more, slips = (breast.run(path, t, slipping(f)) for f in (0.5, 5.0, 0.1))
+    stuck, more, slips = (flat.run(path, t, slipping(f)) for f in (0.5, 5.0, 0.1))
     assert np.abs(stuck.optical - more.optical).max() < SAME
     np.testing.assert_allclose(stuck.force, more.force, atol=1e-6)
     assert np.abs(stuck.optical - slips.optical).max() > 1e-4

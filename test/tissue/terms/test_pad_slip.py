@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.errors import ConfigError
-from arm_brachy.tissue.body import Pad, SoftBody
+from arm_brachy.tissue.body import Pad, PadFace, PadFootprint, SoftBody
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.contact_pads import PadContact, touches
 from arm_brachy.tissue.material import moduli
-from arm_brachy.tissue.mesh import quadratic_mesh
+from arm_brachy.tissue.mesh import quadratic_mesh, with_midside
 from arm_brachy.tissue.newton import StaticSolver
 from arm_brachy.tissue.simulator import TissueSimulator
 from arm_brachy.tissue.terms.pad_slip import PadSlip
 
 RADIUS = 0.0101
+PUSH = np.array([[0.0, 0.0, -1e-3]])
 
 
 def block():
@@ -32,9 +33,32 @@ def block():
                     mesh.node_sets['z0'], pads)
 
 
-def slipping(friction, **options):
+def cap():
+    """The block with its top domed by 3 mm, quadratic; a pad known by its nodes in the middle."""
+    mesh = box_mesh((0.048, 0.048, 0.024), (8, 8, 4))
+    nodes = mesh.nodes - [0.024, 0.024, 0.0]
+    bulge = 1.0 - np.sum(nodes[:, :2] ** 2, axis=1) / (0.024**2)
+    nodes[:, 2] *= 1.0 + bulge / 4.0
+    mesh = quadratic_mesh(dataclasses.replace(mesh, nodes=nodes))
+    m, (mu, kappa) = len(mesh.tets), moduli(6e3, 0.4)
+    top = mesh.node_sets['z1']
+    corners = np.intersect1d(top, mesh.tets)
+    under = corners[np.linalg.norm(mesh.nodes[corners, :2], axis=1) < 1.5 * RADIUS]
+    pad = Pad('top', with_midside(mesh, under), np.array([0.0, 0.0, -1.0]),
+              np.array([0.0, 0.0, 0.03]), 0.02)
+    return SoftBody(mesh, np.full(m, mu), np.full(m, kappa), np.full(m, 1e3),
+                    mesh.node_sets['z0'], (pad,))
+
+
+def pressed(body, friction, push=PUSH):
+    """ContactState of a body whose pads come loose, pushed in one step."""
+    contact = PadContact(PadSlip(friction).prepare(body))
+    return contact.step(contact.start(body.mesh.nodes, 0.0 * push), push)
+
+
+def slipping(friction):
     """The term on the pad on top."""
-    return PadSlip(friction, pads=('top',), **options)
+    return PadSlip(friction, pads=('top',))
 
 
 def dragged(plant, ways):
@@ -98,9 +122,9 @@ def test_with_much_friction_a_plate_pushes_as_a_bonded_one_does_but_never_pulls(
 
 def test_friction_is_invisible_until_something_slips():
     """Once all points stick, twice the coefficient changes nothing; a small one does."""
-    forces = [dragged(TissueSimulator(block(), (slipping(mu),)), [[0.0, 0.0, -2e-3]])[-1]
-              for mu in (0.1, 2.5, 5.0)]
-    low, high, twice = (state.pad_force[0] for state in forces)
+    ways = [[0.0, 0.0, -2e-3], [5e-4, 0.0, -2e-3]]
+    low, high, twice = (dragged(TissueSimulator(block(), (slipping(mu),)), ways)[-1].pad_force[0]
+                        for mu in (0.1, 2.5, 5.0))
     np.testing.assert_allclose(high, twice, rtol=0.0, atol=1e-3 * np.abs(high).max())
     assert np.abs(low - high).max() > 1e-2 * np.abs(high).max()
 
@@ -108,7 +132,7 @@ def test_friction_is_invisible_until_something_slips():
 def test_only_the_chosen_pads_come_loose_and_the_others_hold():
     body = slipping(0.3).prepare(block())
     np.testing.assert_array_equal(touches(body), [True, False])
-    assert body.pads[0].face.radius == RADIUS
+    assert body.pads[0].face == PadFootprint(0.3)
     plant = TissueSimulator(block(), (slipping(0.3),))
     plant.settle()
     state = plant.step(0.1, [[0.0, 0.0, -1e-3], [-1e-3, 0.0, 0.0]])
@@ -118,18 +142,35 @@ def test_only_the_chosen_pads_come_loose_and_the_others_hold():
 
 
 def test_a_pad_that_touches_keeps_its_face():
-    given = slipping(0.3, edge_radius=1e-3).prepare(block())
-    again = slipping(0.1, edge_radius=3e-3).prepare(given)
-    assert again.pads[0].face == dataclasses.replace(given.pads[0].face, friction=0.1)
+    given = block()
+    flat = dataclasses.replace(given.pads[0], face=PadFace(RADIUS, 1e-3, 0.3))
+    given = dataclasses.replace(given, pads=(flat, given.pads[1]))
+    assert slipping(0.1).prepare(given).pads[0].face == PadFace(RADIUS, 1e-3, 0.1)
+
+
+def test_a_face_off_a_curved_patch_fits_it():
+    """Nothing is pressed at rest; pressed without slip, it pushes as the bond did."""
+    body = cap()
+    assert np.abs(pressed(body, 5.0, 0.0 * PUSH).force).max() < 1e-9
+    state, bonded = pressed(body, 5.0), StaticSolver(body).solve(body.mesh.nodes, PUSH)
+    assert state.outcome.ok and np.ptp(body.mesh.nodes[body.pads[0].nodes, 2]) > 1e-3
+    np.testing.assert_allclose(state.force[0], bonded.pad_force[0], rtol=0.0,
+                               atol=0.01 * np.abs(bonded.pad_force).max())
+
+
+def test_without_friction_a_face_lets_the_patch_spread():
+    """It bears along its direction alone; the tissue beneath goes outward."""
+    body = cap()
+    state = pressed(body, 0.0)
+    assert np.abs(state.force[0, :2]).max() < 1e-9 < 0.1 < state.force[0, 2]
+    patch = body.pads[0].nodes
+    out = np.sum((state.x - body.mesh.nodes)[patch, :2] * body.mesh.nodes[patch, :2], axis=1)
+    assert out.sum() > 0.5 * np.abs(out).sum()
 
 
 def test_what_cannot_be_is_refused():
     with pytest.raises(ConfigError, match='pads = .*left.* must be among top, side'):
         PadSlip(pads=('left',)).prepare(block())
-    with pytest.raises(ConfigError, match='pad side is known by its nodes alone'):
-        PadSlip().prepare(block())
-    with pytest.raises(ConfigError, match='edge_radius_mm = 20; must be at most the radius'):
-        slipping(0.3, edge_radius=0.02).prepare(block())
     with pytest.raises(ConfigError, match="'implicit' with touching pads"):
         TissueSimulator(block(), (slipping(0.3),), dynamics='implicit')
 
