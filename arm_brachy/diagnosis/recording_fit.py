@@ -73,10 +73,11 @@ class RecordingFit:
             self._still = self._plain()
             return
         whole = self.model(terms)
-        if whole.remembers and touches(whole.body).any():
-            raise NotConverged('memories beside pads that touch ask for a run with contact at '
-                               'every step: it takes hours')
-        if whole.remembers:
+        if touches(whole.body).any():
+            if self.model(_bonding(terms)).remembers:
+                raise NotConverged('memories beside pads that touch ask for a run with contact '
+                                   'at every step: it takes hours')
+        elif whole.remembers:
             plain = self._plain()
             self._past = Past(plain.trajectory, plain.model.body.mesh.nodes)
             self.plain = data.observables.residual(plain.shown)
@@ -113,8 +114,8 @@ class RecordingFit:
 
     def _loosened(self, terms):
         """Prediction with pads that a term takes off their bonds, None where it is not found."""
-        loose, = (term for term in terms if term.spec.name in LOOSENING)
-        others = tuple(term for term in terms if term is not loose)
+        others = _bonding(terms)
+        loose, = (term for term in terms if term not in others)
         if self._bonded is None or self._bonded[0] != others:
             self._bonded = others, Baseline(self.model(others), self.data.encoder, self.data.t)
         bonded = self._bonded[1]
@@ -185,6 +186,11 @@ class RecordingFit:
             raise NotConverged('no state was found beside one that was, where the derivative by '
                                'a contact is asked for; hold its place or its size')
         return found
+
+
+def _bonding(terms):
+    """The terms that leave pads on their bonds."""
+    return tuple(term for term in terms if term.spec.name not in LOOSENING)
 
 
 _CHANGES = {Stage.BODY: body_change, Stage.TRANSMISSION: transmission_change}

@@ -20,9 +20,11 @@ from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.observables import KINDS, Measured, Observables, channels_of
 from arm_brachy.diagnosis.recording_fit import Data
 from arm_brachy.diagnosis.refit import Options, refit
+from arm_brachy.diagnosis.slip import ACCURACY
 from arm_brachy.tissue.terms.base_debond import BaseDebond
 from arm_brachy.tissue.terms.external_force import ExternalForce
 from arm_brachy.tissue.terms.inclusion import Inclusion
+from arm_brachy.tissue.terms.pad_slip import PadSlip
 from arm_brachy.tissue.terms.stiffness_gradient import StiffnessGradient
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
@@ -97,6 +99,27 @@ def test_a_lump_is_found_from_the_next_place_and_half_its_contrast(record):
     chi2 = 2.0 * found.after / len(found.residual[0])
     assert chi2 == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / len(found.residual[0])))
     assert found.terms[0].radius == LUMP.radius
+
+
+def test_friction_is_found_from_a_run_with_contact(quadratic, encoder):
+    """Predictions by contact condensed, the truth by the plant's, at pushes to 4 mm."""
+    path, t = replace(encoder, q=0.5 * encoder.q), STATES[:5]
+    full = ForwardModel(quadratic, (PadSlip(0.3, pads=('pad_1',)),)).predict(path, t)
+    columns = nuisances(Baseline(ForwardModel(quadratic), path, t)).values
+    data = dress(quadratic, path, t, {kind: full.get(kind) for kind in KINDS}, columns,
+                 np.random.default_rng(4), SD)
+    one = hypothesis(PadSlip, pads=('pad_1',))
+    found = refit([data], (one,), [np.array([0.5])])    # starts at twice the friction
+    estimates = widened(found, [replace(data, baseline=Baseline(
+        ForwardModel(quadratic), path, t))], 1.0, ACCURACY)[0]
+    assert estimates['friction'].value == pytest.approx(0.3, rel=0.2)
+    assert holds(estimates['friction'], 0.3, times=1.0) and found.after < found.before - 10.0
+
+
+def test_memory_beside_loose_pads_is_not_fitted(record):
+    hypotheses = hypothesis(PadSlip, pads=('pad_1',)), hypothesis(Viscoelasticity, ('g1',))
+    with pytest.raises(NotConverged, match='run with contact at every step'):
+        refit([record((), t=SOME)], hypotheses, [np.ones(1), np.ones(1)])
 
 
 def test_size_and_contrast_are_left_to_the_prior_and_their_product_is_not(record):
