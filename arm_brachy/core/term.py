@@ -41,6 +41,8 @@ class TermSpec:
     equation : plain text, symbols as in `symbols` of the docstring
     source : book, paper or data sheet with equation or page number
     invisible_when : from which recordings it cannot be seen, in one line ('' = none known)
+    timed : True for a body term whose memory is but the clock: what it does in a step follows from
+        the time at its end, not from what was before
     """
 
     name: str
@@ -50,6 +52,7 @@ class TermSpec:
     equation: str
     source: str
     invisible_when: str = ''
+    timed: bool = False
 
 
 class Term(Protocol):

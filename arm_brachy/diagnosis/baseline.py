@@ -164,6 +164,11 @@ class Baseline:
         return {OPTICAL: points[:k], EM: points[k:],
                 FORCE: change[3 * inside.sum():].reshape(-1, 3)}
 
+    @property
+    def _single(self):
+        """True if no two states need be alike, whatever the pads do."""
+        return self.model.remembers or self.model.timed
+
     def _refuse_lost(self):
         valid = self.trajectory.valid
         if not valid.all():
@@ -181,7 +186,7 @@ class Baseline:
         return [wanted[i] for i in self.at.tolist()]
 
     def _places(self):
-        if self.model.remembers:
+        if self._single:
             return np.arange(len(self.t))
         _, first, place = np.unique(self.trajectory.x[self.at].reshape(len(self.t), -1), axis=0,
                                     return_index=True, return_inverse=True)
@@ -189,7 +194,7 @@ class Baseline:
 
     def _groups(self):
         """(group (n,), its first state): alike in the places of the pads, one each with memory."""
-        if self.model.remembers:
+        if self._single:
             return np.arange(len(self.t)), np.arange(len(self.t))
         flat = self.trajectory.pads[self.at].reshape(len(self.t), -1)
         group, first = np.full(len(self.t), -1), []
@@ -217,7 +222,7 @@ class Baseline:
                 linearisation.move_to(self.x(i), self.fields[i])
             a, h = linearisation.adjoint(x_bar, pad_bar)
             by_moduli = None
-            if not self.model.remembers:
+            if not self._single:
                 by_moduli = -(moduli_derivative(linearisation).T @ a).T.astype(np.float32)
             found.append(Sensitivity(
                 np.ascontiguousarray(a.T, dtype=np.float32), held,

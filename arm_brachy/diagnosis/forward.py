@@ -11,7 +11,15 @@ from arm_brachy.core.errors import InputError
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.specimen import attach
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
-from arm_brachy.diagnosis.trajectory import Equilibria, grid, partners, remembers, stepped
+from arm_brachy.diagnosis.trajectory import (
+    Equilibria,
+    TimedEquilibria,
+    grid,
+    partners,
+    remembers,
+    stepped,
+    timed,
+)
 from arm_brachy.diagnosis.transmission import Path, balanced, transmitted, yields
 from arm_brachy.registry import TERMS, split
 
@@ -58,6 +66,7 @@ class ForwardModel:
     past : carried.Past along which memories are carried, None = states are stepped one by one
     body : SoftBody as its terms prepared it;  body_terms : those that act there
     attached : specimen.Attachment;  directions : (p, 3) in which the pads are pushed
+    remembers : True if a state depends on the path to it;  timed : True if on when it is
     Setpoint terms have acted before the encoders and change nothing here. Starts are at rest: the
     body has always been where the first sample of the encoders finds it.
     Raises what a term raises that does not fit the body.
@@ -74,7 +83,8 @@ class ForwardModel:
         self.body, self.attached = body, attach(specimen, body)
         self.directions = np.array([pad.direction for pad in body.pads])
         self.remembers = remembers(body, self.body_terms)
-        self.equilibria = None if self.remembers else Equilibria(body, options)
+        self.timed = timed(self.body_terms)
+        self.equilibria = None if self.remembers or self.timed else Equilibria(body, options)
 
     def pad_path(self, encoder, t):
         """Return the Path of the pads, given that of the encoders, for states at t (n,) [s].
@@ -117,6 +127,9 @@ class ForwardModel:
         pads = path.at(times)[:, :, None] * self.directions
         if self.remembers:
             return stepped(self.specimen.body, self.body_terms, times, pads, self._options)
+        if self.timed:
+            return TimedEquilibria(self.body, self.body_terms, self._options).trajectory(
+                times, pads, partner)
         return self.equilibria.trajectory(times, pads, partner)
 
     def lateness(self, kind):

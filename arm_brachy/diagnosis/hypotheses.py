@@ -52,7 +52,7 @@ def try_all(matched, occasions=None, progress=None):
     A place at which a term does not fit the body, or finds no state, is left out.
     """
     specimen, left_out, found, answers = matched[0].baseline.model.specimen, {}, [], []
-    remembers = any(m.baseline.model.remembers for m in matched)
+    remembers = any(m.baseline.model.remembers or m.baseline.model.timed for m in matched)
     left_out |= {cls.spec.name: triable(cls, remembers) for cls in TERMS
                  if triable(cls, remembers)}
     listed = [cls for cls in TERMS if cls.spec.name not in left_out]

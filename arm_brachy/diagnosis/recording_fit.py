@@ -74,7 +74,8 @@ class RecordingFit:
             return
         whole = self.model(terms)
         if touches(whole.body).any():
-            if self.model(_bonding(terms)).remembers:
+            bonded = self.model(_bonding(terms))
+            if bonded.remembers or bonded.timed:
                 raise NotConverged('memories beside pads that touch ask for a run with contact '
                                    'at every step: it takes hours')
         elif whole.remembers:

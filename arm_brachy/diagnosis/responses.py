@@ -23,7 +23,7 @@ from arm_brachy.diagnosis.rates import Rates, alike, same_fields
 from arm_brachy.diagnosis.slip import slip_change
 from arm_brachy.diagnosis.specimen import attach
 from arm_brachy.diagnosis.stream import EM, OPTICAL
-from arm_brachy.diagnosis.trajectory import Trajectory, evolve
+from arm_brachy.diagnosis.trajectory import Trajectory, evolve, remembers
 from arm_brachy.diagnosis.transmission import Path, transmitted
 from arm_brachy.registry import TERMS
 from arm_brachy.tissue.contact_pads import touches
@@ -127,10 +127,10 @@ def rebuilt(old, new):
 def _supported(baseline, term, scale):
     """Condensed to the nodes of a support or loose pad without memory, else run in full."""
     body, terms = _prepared(baseline.model, term)
-    if any(one.memory(body) is not None for one in terms):
-        return _rerun(baseline, term, scale)
-    if touches(body).any():
+    if touches(body).any() and not any(one.memory(body) is not None for one in terms):
         return _by(scale, loosened_change(baseline, term))
+    if remembers(body, terms):
+        return _rerun(baseline, term, scale)
     changes = interface_change(baseline, body)
     if changes is None:
         return _rerun(baseline, term, scale)
@@ -194,7 +194,7 @@ def _moduli_alone(baseline, body, terms):
     Forces are linear in them as long as their ratio stays, on which the quadrature depends.
     """
     plain = baseline.model.body
-    if baseline.model.remembers or any(term.memory(body) is not None for term in terms):
+    if any(term.memory(body) is not None for term in terms):
         return None
     if not alike(plain, body, but=('mu', 'kappa')):
         return None

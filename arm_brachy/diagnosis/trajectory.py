@@ -48,8 +48,14 @@ class Trajectory:
 
 
 def remembers(body, terms):
-    """True if a state of `body`, as `terms` prepared it, depends on time or on the path."""
-    return bool(touches(body).any()) or any(t.memory(body) is not None for t in terms)
+    """True if a state of `body`, as `terms` prepared it, depends on the path to it."""
+    return bool(touches(body).any()) or any(t.memory(body) is not None and not t.spec.timed
+                                            for t in terms)
+
+
+def timed(terms):
+    """True if a state depends on when it is."""
+    return any(term.spec.timed for term in terms)
 
 
 def grid(path, t):
@@ -116,6 +122,47 @@ class Equilibria:
                 self._pads = np.vstack([self._pads, pads.ravel()])
                 self._x.append(solution.x)
         return solution
+
+
+class TimedEquilibria:
+    """Equilibria of a body whose terms have no memory but the clock.
+
+    body : SoftBody as `terms` prepared it;  options : NewtonOptions or None
+    """
+
+    def __init__(self, body, terms, options=None):
+        self.body, self.terms = body, terms
+        self.solver = StaticSolver(body, options=options)
+        self._memories = tuple(term.memory(body) for term in terms)
+
+    def trajectory(self, t, pads, partner=None):
+        """Return the Trajectory at t (m,) [s] with the pads at `pads` (m, p, 3) [m].
+
+        partner : (m,) number of the instant whose state is taken (`partners`), None = its own
+        Each is found from the one found before whose pads are nearest.
+        """
+        flat, found = pads.reshape(len(t), -1), {}
+        partner = np.arange(len(t)) if partner is None else partner
+        wanted = np.unique(partner)
+        for i in wanted[_chain(flat[wanted], np.zeros(flat.shape[1]))]:
+            near = min((k for k in found if found[k][0].outcome.ok), default=None,
+                       key=lambda k: np.abs(flat[k] - flat[i]).max())
+            fields = self._fields(t[i])
+            found[i] = self.solver.follow(
+                self.body.mesh.nodes if near is None else found[near][0].x,
+                self.solver.held_positions(pads[i], fields.base), fields), fields.base
+        states, base = zip(*(found[i] for i in partner), strict=True)
+        x, force = np.stack([s.x for s in states]), np.stack([s.pad_force for s in states])
+        lost = np.array([not s.outcome.ok for s in states])
+        x[lost], force[lost] = np.nan, np.nan
+        return Trajectory(np.asarray(t), pads, x, force, np.stack(base),
+                          tuple(s.outcome for s in states))
+
+    def _fields(self, t):
+        fields = StepFields.of(self.body)
+        for term, memory in zip(self.terms, self._memories, strict=True):
+            term.before_step(self.body, memory, t, np.inf, fields)
+        return fields
 
 
 def partners(pads, passing):

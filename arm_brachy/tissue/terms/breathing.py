@@ -39,7 +39,7 @@ class Breathing(BodyTerm):
         low=-1.0, high=1.0, source='out of the chest wall')
 
     spec: ClassVar[TermSpec] = TermSpec(
-        name='breathing', kind=Kind.BOUNDARY, stage=Stage.BODY,
+        name='breathing', kind=Kind.BOUNDARY, stage=Stage.BODY, timed=True,
         summary='the base moves rigidly to and fro',
         equation='x = X + A sin(2 pi f t + phi) e for fixed nodes',
         source='first harmonic of a periodic motion; kinematics alone',

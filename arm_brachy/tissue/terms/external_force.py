@@ -43,7 +43,7 @@ class ExternalForce(BodyTerm):
         source='a touch of 2 s (engineering judgement)')
 
     spec: ClassVar[TermSpec] = TermSpec(
-        name='external_force', kind=Kind.BOUNDARY, stage=Stage.BODY,
+        name='external_force', kind=Kind.BOUNDARY, stage=Stage.BODY, timed=True,
         summary='something presses on the surface for a while',
         equation='f_a(t) = F int N_a b(|X - c| / R) dA / int b(|X - c| / R) dA for '
                  't_0 < t <= t_0 + T, else 0',

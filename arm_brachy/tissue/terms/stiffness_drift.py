@@ -26,7 +26,7 @@ class StiffnessDrift(BodyTerm):
         source='the start of the run, or any time in its first minute')
 
     spec: ClassVar[TermSpec] = TermSpec(
-        name='stiffness_drift', kind=Kind.TISSUE, stage=Stage.BODY,
+        name='stiffness_drift', kind=Kind.TISSUE, stage=Stage.BODY, timed=True,
         summary='modulus drifts during the run',
         equation='(mu, kappa, c, k, S_added) -> (1 + s) (mu, kappa, c, k, S_added), or over '
                  '1 - s where s < 0;  s = rate max(t - onset, 0)',

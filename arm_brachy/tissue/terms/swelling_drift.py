@@ -29,7 +29,7 @@ class SwellingDrift(BodyTerm):
         source='the start of the run, or any time in its first minute')
 
     spec: ClassVar[TermSpec] = TermSpec(
-        name='swelling_drift', kind=Kind.TISSUE, stage=Stage.BODY,
+        name='swelling_drift', kind=Kind.TISSUE, stage=Stage.BODY, timed=True,
         summary='tissue swells or dries during the run',
         equation='Psi(F) -> s^3 Psi(F / s);  s = 1 + r, or 1 / (1 - r) where r < 0, '
                  'r = rate max(t - onset, 0)',

@@ -19,11 +19,15 @@ from arm_brachy.diagnosis.trajectory import evolve, grid
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.tissue.newton import StaticSolver
 from arm_brachy.tissue.terms.breathing import Breathing
+from arm_brachy.tissue.terms.external_force import ExternalForce
 from arm_brachy.tissue.terms.gravity import Gravity
+from arm_brachy.tissue.terms.stiffness_drift import StiffnessDrift
 from arm_brachy.tissue.terms.stress_softening import StressSoftening
+from arm_brachy.tissue.terms.swelling_drift import SwellingDrift
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
 STATES = np.array([2.5, 4.5, 7.4, 9.0])     # two holds of pad 1, pad 2 on its way out, and back
+TOP = (-0.7e-3, -5.1e-3, 57.9e-3)           # m, the highest node
 
 
 @pytest.fixture(scope='module')
@@ -65,6 +69,19 @@ def test_a_body_with_memory_is_followed_through_the_kinks(specimen, encoder, pla
     effect = np.abs(forces - plain).max()
     assert effect > 0.05
     assert np.abs(found.force - forces).max() < 0.03 * effect
+
+
+@pytest.mark.parametrize('term', [
+    Breathing(amplitude=1e-3, frequency=0.3), StiffnessDrift(rate=0.02), SwellingDrift(rate=1e-3),
+    ExternalForce(force=(0.0, 0.3, -0.3), centre=TOP, onset=3.0, duration=5.0)])
+def test_what_follows_the_clock_needs_no_steps(specimen, encoder, plant, elastic, term):
+    """States at single instants are those of a plant that was stepped to them."""
+    points, forces = plant((term,), every=5)
+    model = ForwardModel(specimen, (term,))
+    found = model.predict(encoder, STATES)
+    assert model.timed and not model.remembers and found.valid.all()
+    assert np.abs(np.concatenate([found.optical, found.em], axis=1) - points).max() < 1e-7
+    assert np.abs(found.force - forces).max() < 1e-4 < np.abs(found.force - elastic.force).max()
 
 
 def test_memory_carried_along_its_own_trajectory_is_that_of_the_simulator(specimen, encoder):
