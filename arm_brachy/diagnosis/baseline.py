@@ -56,7 +56,8 @@ class Baseline:
     truth : n dicts kind -> (c, 3), before the sensors and their clocks
     fields : n StepFields;  group : (n,) into `sensitivities`
     place : (n,) number of the first state that is the same but for the time: pads in one place
-    restructures : term class -> bool, condensed : interface.Condensed; filled when first wanted
+    restructures : term class -> bool, condensed : interface.Condensed, loosened : as `slip` keeps
+        it; filled when first wanted
     Raises InputError for instants out of order, ConfigError for touching pads, NotConverged at a
     state that is not found
     or not stable. Linear answers of a model with memory leave out what the change would have
@@ -76,7 +77,7 @@ class Baseline:
         self._refuse_lost()
         self.at = np.searchsorted(self.trajectory.t, self.t)
         self.truth = [model.truth(self.trajectory, i) for i in self.at]
-        self.restructures, self.condensed = {}, None
+        self.restructures, self.condensed, self.loosened = {}, None, {}
         self.solver = StaticSolver(model.body)
         self.fields = self._fields()
         self.forces = np.stack([self.solver.assembler.forces(self.x(i), fields)
@@ -101,7 +102,7 @@ class Baseline:
         """The Baseline at some of its states, index (k,), nothing solved for anew."""
         part, index = copy.copy(self), np.asarray(index)
         part.__dict__.pop('shown', None)
-        part.t, part.at = self.t[index], self.at[index]
+        part.t, part.at, part.loosened = self.t[index], self.at[index], {}
         part.truth, part.fields = ([some[i] for i in index] for some in (self.truth, self.fields))
         part.forces, part.group = self.forces[index], self.group[index]
         part.place = np.unique(self.place[index], return_index=True, return_inverse=True)
