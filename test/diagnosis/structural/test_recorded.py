@@ -1,9 +1,12 @@
 """A recording before any model: kinds of push, what is handed on, the pushes to make again."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.finding import Finding
 from arm_brachy.diagnosis.given import given, occasions_of
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.occasion import intervals, regime_of
@@ -52,6 +55,19 @@ def test_a_late_clock_is_told_and_put_right_in_the_states_not_in_the_model_again
 def test_how_far_a_marker_slipped_is_left_to_the_model(looked):
     found = given((looked(SLIP),))
     assert not found.certain and [f.term for f, _ in found.open] == ['marker_slip']
+
+
+@pytest.mark.parametrize(('rivals', 'certain'), [
+    ((), True), (('actuator_compliance',), False), (('inclusion',), False),
+    (('actuator_lag',), True)])
+def test_what_a_model_could_tell_from_it_is_left_to_the_model(rivals, certain):
+    """A lag is before the encoders: no model that they drive could tell."""
+    gain = Finding('encoder', 'pad_1', 'actuator_gain', 'gain', 0.06, '', 1e-3, 60.0, 0.0, 9.0,
+                   'The marker departs from the encoder.', rivals,
+                   parameters={'gain': 0.06, 'actuators': (0,)})
+    found = given((SimpleNamespace(name='one', structure=SimpleNamespace(findings=(gain,))),))
+    kept, other = (found.certain, found.open) if certain else (found.open, found.certain)
+    assert kept == ((gain, 'one'),) and other == ()
 
 
 def test_what_a_sound_recording_shows_as_well_is_no_news(looked):
