@@ -41,5 +41,7 @@ def look(evidence, *, limit=LIMIT, devices=None, calibration=None, noise=None):
     structure = structure_of(prepared)
     late = {kind: structure.late(kind) for kind in structure.clocks}
     jumps = [t for finding in structure.findings if finding.onset for t in finding.onset]
-    states = without(load_states(prepared, late, limit), jumps)
+    rhythm = max((finding.parameters.get('frequency', 0.0) for finding in structure.findings),
+                 default=0.0)
+    states = without(load_states(prepared, late, limit, rhythm), jumps)
     return Recorded(prepared, structure, states, kinds_of(states, evidence.pads))

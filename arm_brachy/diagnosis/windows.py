@@ -10,6 +10,7 @@ SETTLED = 0.03      # s after the end of a motion, clocks differ by as much
 FIRST = 0.15        # s, length of the first part of a stand; each later one is twice as long
 LONGEST = 0.6       # s of a window on a stand: what relaxes within it bends less than it settles
 SHORTEST = 0.04     # s of a ramp
+SWING = 0.5         # rad of a rhythm in a window on a stand: the mean is 1 % short of the middle
 CRUISE = 0.3        # of the longest straight piece of a ramp: shorter ones are its acceleration
 FINEST = (8, 4)     # windows per stand and per ramp, at most
 LEVELS = (FINEST, (5, 3), (3, 2), (2, 1), (1, 1))
@@ -34,44 +35,46 @@ class Window:
         return 0.5 * (self.start + self.stop)
 
 
-def windows_of(motion, limit):
+def windows_of(motion, limit, rhythm=0.0):
     """At most `limit` Windows over the stands and ramps of a Motion, in order of time.
 
+    rhythm : [Hz] of what goes on in stands, 0 = none
     A stand is seen early and late, in parts that double in length, so that what relaxes is
     resolved and what stands is averaged; a ramp on its straight pieces, at most a quarter of the
     largest travel apart. Where there are too many, all become coarser together,
     then some are left out, evenly.
     """
-    phases = motion.phases()
+    phases, longest = motion.phases(), SWING / (2.0 * np.pi * rhythm) if rhythm else np.inf
     for level in LEVELS:
-        found = [w for i, phase in enumerate(phases) for w in _cut(motion, phase, i, level)]
+        found = [w for i, phase in enumerate(phases)
+                 for w in _cut(motion, phase, i, level, longest)]
         if len(found) <= limit:
             return tuple(found)
     keep = np.unique(np.linspace(0, len(found) - 1, limit).round().astype(int))
     return tuple(found[i] for i in keep)
 
 
-def _cut(motion, phase, index, level):
+def _cut(motion, phase, index, level, longest):
     first, stop = phase
     start, end = float(motion.t[first]), float(motion.t[stop])
     if not motion.still[first]:
         return _ramp(motion, first, stop, index, level[1])
     if first > 0:
-        return _stand(start + SETTLED, end, index, level[0])
-    return [Window(start, end, False, index)]   # before the first push nothing settles
+        return _stand(start + SETTLED, end, index, level[0], min(LONGEST, longest))
+    return [_within(start, end, longest, False, index)]     # before the first push nothing settles
 
 
-def _stand(start, end, index, most):
+def _stand(start, end, index, most, longest=LONGEST):
     if end - start < FIRST / 2.0:
         return []
     number = int(np.clip(np.floor(np.log2(1.0 + (end - start) / FIRST)), 1, most))
     if number == 1:
-        return [Window(float(max(start, end - LONGEST)), end, False, index)]
+        return [Window(float(max(start, end - longest)), end, False, index)]
     edges = start + FIRST * (2.0 ** np.arange(number + 1) - 1.0)
     edges[-1] = end
-    out = [_within(a, b, LONGEST, False, index)
+    out = [_within(a, b, longest, False, index)
            for a, b in zip(edges[:-2], edges[1:-1], strict=True)]
-    return [*out, Window(float(max(edges[-2], end - LONGEST)), end, False, index)]
+    return [*out, Window(float(max(edges[-2], end - longest)), end, False, index)]
 
 
 def _within(start, end, longest, moves, index):

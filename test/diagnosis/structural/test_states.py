@@ -150,6 +150,17 @@ def test_hundreds_of_pushes_keep_to_the_budget():
     assert np.diff(centres).max() < 5.0 * np.diff(centres).mean()
 
 
+def test_a_rhythm_is_not_averaged_away():
+    """In every window on a stand its mean is its value in the middle, to 1 % of its height."""
+    t, q = np.array([0.0, 5.0, 5.5, 9.0, 9.5, 12.0]), np.array([0.0, 0.0, 5e-3, 5e-3, 0.0, 0.0])
+    motion, frequency = Motion(t, q[:, None], 1e-5, 1e-4), 0.25
+    windows = [w for w in windows_of(motion, 80, frequency) if not w.moves]
+    off = [np.mean(np.sin(2 * np.pi * frequency * np.linspace(w.start, w.stop, 200)))
+           - np.sin(2 * np.pi * frequency * w.centre) for w in windows]
+    assert len(windows) > 5 and np.abs(off).max() < 0.011
+    assert max(w.stop - w.start for w in windows_of(motion, 80)) == 5.0
+
+
 def test_a_body_that_is_let_go_needs_no_pads(laboratory):
     """Held for 0.5 s, rings at 3 Hz, settles: single samples while it moves, means while not."""
     scene = replace(laboratory().scene, pads=(), targets=(), markers=tuple(
