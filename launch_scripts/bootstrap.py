@@ -195,7 +195,9 @@ def build_messages():
         run('cmake', '-S', ROOT / source, '-B', build,
             '-G', 'Ninja' if shutil.which('ninja') else 'Unix Makefiles',
             f'-DCMAKE_INSTALL_PREFIX={VENV}', '-DBUILD_TESTING=OFF',
-            '-DCMAKE_BUILD_TYPE=Release', f'-DPython3_EXECUTABLE={PYTHON}')
+            '-DCMAKE_BUILD_TYPE=Release', f'-DPython3_EXECUTABLE={PYTHON}',
+            # Beside PATH there may be another ROS that has it, of no use to this environment.
+            *(['-DCMAKE_DISABLE_FIND_PACKAGE_tf2_msgs=ON'] if source.endswith('tf2_msgs') else []))
         run('cmake', '--build', build, '--parallel', str(os.cpu_count()))
         run('cmake', '--install', build)
 
