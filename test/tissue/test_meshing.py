@@ -1,5 +1,7 @@
 """Meshing of closed surfaces: what comes out is sound and reads back."""
 
+from types import SimpleNamespace
+
 import meshio
 import numpy as np
 import pytest
@@ -73,6 +75,22 @@ def test_count_is_reached():
     mesh, report = meshing.mesh_with_count(box(), tets=2000, tolerance=0.05)
     assert abs(len(mesh.tets) - 2000) <= 100
     assert report.n_tets == len(mesh.tets)
+
+
+@pytest.mark.parametrize('wanted', [300, 400, 700, 1100])
+def test_count_is_reached_where_it_does_not_fall_with_length(monkeypatch, wanted):
+    """Counts of the silicone beam, 30 mm thick, over edge lengths in mm: they jump and recover."""
+    lengths = [8, 10, 11, 13, 14, 17, 18, 20, 21, 22, 24, 25, 27, 28, 29, 30]
+    counts = [1931, 1145, 1583, 1297, 753, 667, 1363, 1145, 404, 694, 761, 329, 347, 361, 745, 749]
+
+    def made(_surface, edge_length, _envelope, _repairs):
+        n = round(np.interp(edge_length * 1e3, lengths, counts))
+        return n, SimpleNamespace(n_tets=n, n_nodes=n // 4)
+
+    monkeypatch.setattr(meshing, '_mesh', made)
+    beam = trimesh.creation.box(extents=(30.0, 30.0, 100.0))
+    mesh, _ = meshing.mesh_with_count(beam, tets=wanted, tolerance=0.2)
+    assert abs(mesh - wanted) <= 0.2 * wanted
 
 
 @pytest.mark.parametrize('name', ['out.msh', 'out.vtu'])
