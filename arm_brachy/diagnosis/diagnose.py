@@ -81,9 +81,7 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     found = given(looked, known)
     say(STEPS[1], 0.0)
     specimen, ratio = _specimen(looked[0], evidences[0].scene)
-    deepest = max(float(one.states.q.max()) for one in (*recorded, *tested))
-    ensemble = ensemble_of(ForwardModel(specimen), deepest, stream(provenance.seed, 'meshes'),
-                           meshes)
+    ensemble = ensemble_of(ForwardModel(specimen), stream(provenance.seed, 'meshes'), meshes)
     matched = []
     for one in (*recorded, *tested):
         matched.append(match(one, specimen, ensemble, given((one,)).terms,

@@ -1,14 +1,15 @@
 """What the mesh may have changed in a model's predictions, from an ensemble of companions of it.
 
-Errors of a mesh are close to proportional to how far each pad is pushed, and add up over the pads
-(two meshes of one body compared at 2 to 9 mm: patterns alike to 0.9 or better, pairs of pads
-additive to 2 to 11 %). So a companion is asked for one thing only, its tangent at rest: how every
-observable answers to a push of each pad. Each difference from the model's own tangent, times the
-pushes along the recording, is one column.
+Errors of a mesh add up over the pads (two meshes of one body, pushes to 9 mm: to 2 to 11 %) and
+have two parts, of different patterns: one in proportion to how far a pad is pushed, and one that
+grows with the square, as tissue about a rim gives way (two meshes of a dome: as large as the first
+at 6 mm, and like a stiffer skin). So a companion is asked for two things per pad, its tangent at
+rest and its curvature. Each difference from the model's own, times the pushes or half their
+squares along the recording, is one column.
 
 What the ensemble has in common between channels is kept in part as it is found, and in part
 channel by channel: 16 members span far less than the ways in which 19 markers can be off.
-Costs a factor of the tangent per member: 8 to 12 s of CPU for 2275 quadratic elements.
+Costs a factor of the tangent per member: 6 s of CPU for 2275 quadratic elements.
 Test: diagnosis/forward/test_mesh_errors.py
 """
 
@@ -16,20 +17,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from arm_brachy.core.errors import NotConverged
 from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.companion import edge_lengths, fitted, ragged, shaken, with_nodes
 from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.specimen import attach, specimen_of
+from arm_brachy.diagnosis.mesh_pushes import pushes
+from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
-from arm_brachy.diagnosis.trajectory import Equilibria
 from arm_brachy.tissue.body import TetMesh
-from arm_brachy.tissue.jacobian import Equations, Linearisation, pad_translations
 from arm_brachy.tissue.mesh import quadratic_mesh
 from arm_brachy.tissue.refinement import refine
 
 MOST_REFINED = 5000     # elements up to which a mesh is halved for comparison: 3 s, growing fast
-AT_REST = 1e-7          # m that nodes may be off: no load acts but the pushes
 PLACE = 0.04            # of the median edge: how far off a mesh has what surrounds a point, as
                         # its surface is off by a few hundredths of an edge (envelope of meshers)
 SYSTEMATIC = ('rims', 'elements')   # names of columns of what a better mesh would change
@@ -46,10 +44,6 @@ class EnsembleOptions:
                                 'meshes of the breast leave nothing')
     shared: float = quantity(0.5, '', 'share of the variance that is kept as found, common to '
                              'channels', low=0.0, high=1.0, source='own choice')
-    growth: float = quantity(0.3, '', 'part of an error that grows with the square of the '
-                             'depth, at the deepest push', low=0.0, high=1.0,
-                             source='breast meshes: patterns at 2 and at 9 mm differ by 0.1 to '
-                                    '0.4 of themselves')
 
 
 @dataclass(frozen=True)
@@ -77,68 +71,48 @@ class MeshErrors:
 class Ensemble:
     """Patterns of what meshes differ in, of one body for all recordings.
 
-    names : k;  patterns : (markers + tools + pads, 3, pads, k) change per push, one standard
-    deviation each;  systematic : (k,) as in MeshErrors;  growth : as in EnsembleOptions
-    deepest : [m] push at which the part that grows with the square is the share `growth`
+    names : k;  systematic : (k,) as in MeshErrors
+    tangents, curvatures : (markers + tools + pads, 3, pads, k) first and second derivative by the
+    push of each pad, SI, one standard deviation each
     """
 
     names: tuple
-    patterns: np.ndarray
     systematic: np.ndarray
-    growth: float
-    deepest: float
+    tangents: np.ndarray
+    curvatures: np.ndarray
 
     def along(self, baseline):
         """Return the MeshErrors of a baseline.Baseline of the same body."""
         push = baseline.path.at(baseline.t)
         k, e = len(baseline.model.specimen.markers), len(baseline.model.specimen.tools)
-        ways = [push]
-        if self.growth:
-            ways.append(self.growth * push * np.abs(push) / self.deepest)
-        whole = np.concatenate([np.einsum('np,capj->ncaj', way, self.patterns) for way in ways],
-                               axis=3)
+        whole = np.concatenate([
+            np.einsum('np,capj->ncaj', push, self.tangents),
+            np.einsum('np,capj->ncaj', 0.5 * push**2, self.curvatures)], axis=3)
         values = {OPTICAL: whole[:, :k], EM: whole[:, k:k + e], FORCE: whole[:, k + e:]}
-        return MeshErrors(self.names * len(ways), values, np.tile(self.systematic, len(ways)))
+        return MeshErrors(self.names * 2, values, np.tile(self.systematic, 2))
 
 
-def ensemble_of(model, deepest, rng, options=None):
+def ensemble_of(model, rng, options=None):
     """Return the Ensemble of a forward.ForwardModel.
 
-    deepest : [m] of all pushes that it will be asked for
     rng : numpy.random.Generator for the members;  options : EnsembleOptions, None = defaults
     Sensing terms of the model count as ideal here. Raises NotConverged where a member has no
-    stable state at rest.
+    stable state.
     """
     options = options or EnsembleOptions()
-    own = tangent(model.body, model.specimen)
-    better = {name: tangent(*one) - own for name, one in _better(model)}
-    members = np.stack([tangent(*_member(model, rng)) - own for _ in range(options.members)])
-    names, patterns = zip(*[*_systematic(better), *_random(members, better, options)],
-                           strict=True)
-    return Ensemble(tuple(names), np.stack(patterns, axis=3) * options.inflation,
-                    np.array([name in better for name in names]), options.growth, deepest)
+    own = pushes(model.body, model.specimen)
 
+    def off(companion):
+        return [there - here for there, here in zip(pushes(*companion), own, strict=True)]
 
-def tangent(body, specimen):
-    """Return the change (k + e + p, 3, p) of markers, EM targets and pad forces per push [1/m].
-
-    body : SoftBody;  specimen : Specimen of the points, its mesh that of the body before terms.
-    What rides on a pad, which no mesh changes, is left out.
-    """
-    linear = Linearisation(Equations.of(body), body.mesh.nodes, single=True)
-    if linear.outstanding() > AT_REST:
-        found = Equilibria(body).trajectory(np.zeros(1), np.zeros((1, len(body.pads), 3)))
-        if not found.valid[0]:
-            raise NotConverged('a companion of the mesh has no state at rest '
-                               f'({found.outcomes[0].advice})')
-        linear.move_to(found.x[0])
-    push = np.stack([pad.direction for pad in body.pads])
-    dx = linear.respond(np.einsum('dpi,pi->dp', pad_translations(body).reshape(-1, *push.shape),
-                                  push))
-    points = attach(specimen, body).matrix(len(body.mesh.nodes))
-    moved = np.stack([points @ column.reshape(-1, 3) for column in dx.T], axis=2)
-    forces = linear.pad_force_change(dx)
-    return np.concatenate([moved, forces])
+    better = {name: off(one) for name, one in _better(model)}
+    members = [off(_member(model, rng)) for _ in range(options.members)]
+    moves = np.any(own[0] != 0.0, axis=1)
+    (names, tangents), (_, curvatures) = (
+        _columns({name: one[kind] for name, one in better.items()},
+                 np.stack([one[kind] for one in members]), moves, options) for kind in (0, 1))
+    return Ensemble(names, np.array([name in better for name in names]),
+                    options.inflation * tangents, options.inflation * curvatures)
 
 
 def _better(model):
@@ -178,7 +152,19 @@ def _moved(model, body):
     return replace(model.specimen, mesh=replace(mesh, nodes=mesh.nodes + shift))
 
 
-# Patterns are (k + e + p, 3, p): per push of each pad, as `tangent` gives them.
+# Patterns are (k + e + p, 3, p), one push of every pad, as `pushes` gives them.
+
+def _columns(better, members, moves, options):
+    """(names k, patterns (k + e + p, 3, p, k)) of better meshes, members and single channels.
+
+    better : name -> pattern;  members : (s, k + e + p, 3, p)
+    moves : (k + e + p, p) channels that answer to a push at all
+    """
+    columns = [*_systematic(better), *_shared(members, options),
+               *_channels(np.stack([*members, *better.values()]), moves, options)]
+    names, patterns = zip(*columns, strict=True)
+    return names, np.stack(patterns, axis=3)
+
 
 def _each_pad(pattern):
     """The pattern split into those of single pads."""
@@ -190,20 +176,23 @@ def _systematic(better):
         yield from ((name, part) for part in _each_pad(pattern))
 
 
-def _random(members, better, options):
-    """What members (s, k + e + p, 3, p) have in common, then channel by channel, axis by axis.
-
-    The last as large as the difference to a better mesh too: another mesh is as far from it, but
-    not by the same pattern.
-    """
+def _shared(members, options):
+    """What members have in common between channels."""
     share = np.sqrt(options.shared / len(members))
     for member in members:
         yield from (('member', part) for part in _each_pad(share * member))
+
+
+def _channels(off, moves, options):
+    """The rest, channel by channel, axis by axis.
+
+    off : (s, k + e + p, 3, p) of members and of better meshes: another mesh is as far off as
+        those are, but not by the same pattern
+    """
     # By the largest, all axes together: a marker at a rim is seldom off, and then far.
-    off = np.stack([*members, *better.values()])
     sd = np.sqrt((1.0 - options.shared) * np.max(np.mean(off**2, axis=2), axis=0)) / LARGEST
-    for c, p in np.argwhere(sd > 0.0):
+    for c, p in np.argwhere(moves):
         for axis in range(3):
-            alone = np.zeros(members.shape[1:])
+            alone = np.zeros(off.shape[1:])
             alone[c, axis, p] = sd[c, p]
             yield 'channel', alone

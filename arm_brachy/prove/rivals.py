@@ -107,8 +107,7 @@ def problem_of(bag, scene):
     specimen = specimen_of(evidence.scene)
     specimen = specimen_of(scaled(evidence.scene, modulus_ratio(recorded, specimen)),
                            specimen.mesh)
-    ensemble = ensemble_of(ForwardModel(specimen), float(np.max(recorded.states.q)),
-                           stream(SEED, 'meshes'))
+    ensemble = ensemble_of(ForwardModel(specimen), stream(SEED, 'meshes'))
     matched = match(recorded, specimen, ensemble, given((recorded,)).terms)
     return assemble([matched], try_all([matched], occasions_of((recorded,)))).problem, matched
 

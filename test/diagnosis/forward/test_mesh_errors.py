@@ -10,8 +10,10 @@ from arm_brachy.core.scene import with_mesh
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.companion import fitted, ragged, shaken, with_nodes
 from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.mesh_errors import EnsembleOptions, ensemble_of, tangent
+from arm_brachy.diagnosis.mesh_errors import EnsembleOptions, ensemble_of
+from arm_brachy.diagnosis.mesh_pushes import pushes
 from arm_brachy.diagnosis.specimen import specimen_of
+from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.mesh import boundary_faces, volumes
 from arm_brachy.tissue.meshing import mean_ratio
@@ -27,7 +29,7 @@ def baseline(quadratic, encoder):
 
 @pytest.fixture(scope='module')
 def errors(baseline):
-    ensemble = ensemble_of(baseline.model, 8e-3, np.random.default_rng(3),
+    ensemble = ensemble_of(baseline.model, np.random.default_rng(3),
                            EnsembleOptions(members=4))
     return ensemble.along(baseline)
 
@@ -81,7 +83,7 @@ def test_outlines_change_only_where_edges_cross_the_rim(quadratic):
 
 def test_tangent_is_that_of_small_pushes(quadratic, baseline):
     """Against the adjoint states of the baseline, another way to the same derivative."""
-    found = tangent(quadratic.body, quadratic)
+    found, _ = pushes(quadratic.body, quadratic)
     k = len(quadratic.markers)
     rest = Baseline(ForwardModel(quadratic), baseline.encoder, np.array([0.0]))
     for p in range(4):
@@ -90,6 +92,23 @@ def test_tangent_is_that_of_small_pushes(quadratic, baseline):
         assert np.allclose(found[:k, :, p], expected['optical'] - rides, rtol=0.0, atol=1e-5)
         assert np.allclose(found[-4:, :, p], expected['force'], rtol=0.0,
                            atol=1e-5 * np.abs(expected['force']).max())
+
+
+def test_curvature_is_the_second_difference_of_full_solves(quadratic):
+    body, push = quadratic.body, 5e-4
+    _, found = pushes(body, quadratic)
+    model = ForwardModel(quadratic)
+    states = [0.0, push, -push]
+    path = Path(np.arange(3.0), np.outer(states, [0.0, 1.0, 0.0, 0.0]))
+    moved = model.trajectory(path, path.t)
+    seen = [np.concatenate([model.attached.points(x, np.zeros((4, 3)), np.zeros(3)), force])
+            for x, force in zip(moved.x, moved.force, strict=True)]
+    expected = (seen[1] + seen[2] - 2.0 * seen[0]) / push**2
+    points = slice(None, -4)
+    assert np.abs(expected[points]).max() > 10.0
+    assert np.allclose(found[points, :, 1], expected[points], rtol=0.0, atol=0.3)
+    assert np.allclose(found[-4:, :, 1], expected[-4:], rtol=0.0,
+                       atol=0.01 * np.abs(expected[-4:]).max())
 
 
 def test_columns_follow_the_pads_that_are_pushed(errors, baseline):
