@@ -17,7 +17,7 @@ from arm_brachy.diagnosis.fitted import parts_of, tested_part
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.free_answer import free_answer
 from arm_brachy.diagnosis.free_body import is_free
-from arm_brachy.diagnosis.from_finding import cause_of, interval_of, place_of
+from arm_brachy.diagnosis.from_finding import cause_of, interval_of, options_of, place_of
 from arm_brachy.diagnosis.given import given, occasions_of
 from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.hypotheses import try_all
@@ -149,7 +149,7 @@ def _answer(judgement, found, looked, tests, provenance, ratio, left_out, reques
         causes += fitted.causes(probability, option)
         where += conclude.places_of(fitted, scene, option)
         when += conclude.times_of(assembly, candidate) if number == 0 else ()
-    causes, where, when = _with_findings(found, scene, causes, where, when, _leads(decision))
+    causes, where, when = with_findings(found, scene, causes, where, when, decision)
     left = conclude.left_over(assembly, explanations)
     causes += [] if fault is None else [fault.cause()]
     if decision.verdict == 'unexplained' and fault is None:
@@ -180,6 +180,8 @@ def _verdict(verdict, causes, fault, nameless):
     """That of the decision, but for what needs no decision: findings, and a mesh at fault."""
     if verdict == 'unexplained' and fault is not None:
         return 'named'
+    if any(cause.option for cause in causes):
+        return 'equivalent'
     if verdict != 'nothing_missing':
         return verdict
     if causes:
@@ -201,23 +203,38 @@ def _leads(decision):
     return set(decision.ranked[0].causes) if unsure else set()
 
 
-def _with_findings(found, scene, causes, where, when, leads):
+def with_findings(found, scene, causes, where, when, decision):
     """The parts of the answer with those that findings make, one cause per term and place.
 
-    What tissue may imitate is told unless it was found to be the tissue, or that leads.
+    found : given.Given;  scene : core.scene.Scene;  causes, where, when : of the answer so far
+    decision : decide.Decision. Returns causes, where and when as lists.
+    One that has rivals is told unless the comparison with the model named one of them, or that
+    leads where nothing explains all: as a class, if nothing else is one.
     """
     causes, where, when, seen = list(causes), list(where), list(when), set()
     told = {cause.term for cause in causes}
+    known = told | _leads(decision)
     sure = [*found.certain, *((f, name) for f, name in found.open
-                              if f.term not in told and not (told | leads) & set(f.rivals))]
+                              if f.term not in told and not known & set(f.rivals))]
     for finding, name in sure:
-        when.append(interval_of(finding, name))
         key = (finding.term, finding.channel, finding.parameter)
-        if key not in seen:
-            seen.add(key)
-            causes.append(cause_of(finding, CERTAIN))
-            where.append(place_of(finding, scene))
+        if key in seen:
+            when.append(interval_of(finding, name))
+            continue
+        seen.add(key)
+        options = [(cause_of(finding, CERTAIN), finding)]
+        if finding.rivals and _may_be_class(decision, causes):
+            options = options_of(finding, CERTAIN)
+        for cause, said in options:
+            causes.append(cause)
+            where.append(place_of(said, scene, cause.option))
+            when.append(interval_of(said, name))
     return causes, where, when
+
+
+def _may_be_class(decision, causes):
+    """True if an answer can have options: none yet, and it explains what there is."""
+    return decision.verdict in ('named', 'nothing_missing') and not any(c.option for c in causes)
 
 
 def _notes(looked):

@@ -10,13 +10,11 @@ from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.cause import Cause, Estimate
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.held_out import Part
-from arm_brachy.diagnosis.hypotheses import LOOSENING
 from arm_brachy.diagnosis.hypothesis import hypothesis
-from arm_brachy.diagnosis.law_error import widened
+from arm_brachy.diagnosis.law_error import law_of, widened
 from arm_brachy.diagnosis.motion import corners_of
 from arm_brachy.diagnosis.recording_fit import Data
 from arm_brachy.diagnosis.refit import Refit, refit
-from arm_brachy.diagnosis.slip import ACCURACY
 from arm_brachy.diagnosis.stream import FORCE
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
@@ -117,14 +115,6 @@ def fit_in_full(assembly, candidate, law):
         estimates = widened(found, data, found.terms[n].factor, law_of(hypotheses, law))
     return Fitted(hypotheses, found.terms[:n], tuple(estimates[i] for i in range(n)), found,
                   kept, estimates[n]['factor'])
-
-
-def law_of(hypotheses, law):
-    """Share of an effect that a model of some hypothesis.Hypotheses may be wrong by.
-
-    law : model_error.Accuracy.law, of any law. Pads off their bonds are condensed: `slip`.
-    """
-    return max(law, ACCURACY) if any(one.name in LOOSENING for one in hypotheses) else law
 
 
 def _effects(assembly, candidate):

@@ -1,5 +1,7 @@
 """A finding that needed no tissue model, as parts of the answer: cause, place and interval."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 from scipy.stats import norm
 
@@ -28,6 +30,21 @@ def cause_of(finding, probability, option=0):
                  for name, value in finding.parameters.items() if name in scaled}
     chosen = {name: value for name, value in finding.parameters.items() if name not in scaled}
     return Cause(finding.term, estimates, chosen, probability, option)
+
+
+def options_of(finding, probability):
+    """(Cause, Finding) of a finding.Finding and of each of its rivals: options 1, 2 and so on.
+
+    probability : that one of them holds, shared evenly. A rival's parameters are not known.
+    """
+    share = probability / (1 + len(finding.rivals))
+    options = [(cause_of(finding, share, 1), finding)]
+    for number, rival in enumerate(finding.rivals, start=2):
+        names = set(f.name for f in fields(by_name(rival))) - set(quantities(by_name(rival)))
+        chosen = {k: v for k, v in finding.parameters.items() if k in names}
+        options.append((Cause(rival, {}, chosen, share, number),
+                        replace(finding, term=rival, parameter='', parameters=chosen)))
+    return options
 
 
 def _estimate(finding, name, value):

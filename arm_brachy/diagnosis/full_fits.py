@@ -7,9 +7,9 @@ import numpy as np
 
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.assembly import features_of, structured_tests
-from arm_brachy.diagnosis.fitted import fit_in_full, law_of, parts_of
+from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
 from arm_brachy.diagnosis.held_out import stacked
-from arm_brachy.diagnosis.law_error import by_channel
+from arm_brachy.diagnosis.law_error import by_channel, law_of
 from arm_brachy.diagnosis.model_error import Accuracy
 
 

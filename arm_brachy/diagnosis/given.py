@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from arm_brachy.core.term import Kind, Stage
 from arm_brachy.diagnosis.candidates import Occasions
 from arm_brachy.registry import by_name
 
@@ -14,10 +13,10 @@ SEEN_BETTER = ('marker_slip',)  # by a model: how far it went while pads moved, 
 class Given:
     """Findings of several recordings, sorted by what becomes of them.
 
-    certain : (finding, recording) that name a term and have no rival that a model could tell from
-        it: the model gets them before anything else is looked for
-    open : that name a term which tissue, or what yields to it, may imitate, or which a model sees
-        better: left to the comparison with the model
+    certain : (finding, recording) that name a term and have no rival: the model gets them before
+        anything else is looked for
+    open : that name a term which has rivals, or which a model sees better: left to the comparison
+        with the model
     nameless : that name none, silence of a stream left out: it is no departure from the model
     """
 
@@ -47,17 +46,11 @@ def given(recorded, known=()):
                 continue
             if finding.term is None:
                 nameless += [(finding, one.name)] if finding.unit != 's' else []
-            elif finding.term in SEEN_BETTER or any(map(_told_by_model, finding.rivals)):
+            elif finding.term in SEEN_BETTER or finding.rivals:
                 open_.append((finding, one.name))
             else:
                 certain.append((finding, one.name))
     return Given(tuple(certain), tuple(open_), tuple(nameless))
-
-
-def _told_by_model(term):
-    """True for tissue, its boundary and what is between actuator and pad: forces tell these."""
-    spec = by_name(term).spec
-    return spec.kind in (Kind.TISSUE, Kind.BOUNDARY) or spec.stage is Stage.TRANSMISSION
 
 
 def _same(one, other):

@@ -59,9 +59,8 @@ def test_how_far_a_marker_slipped_is_left_to_the_model(looked):
 
 @pytest.mark.parametrize(('rivals', 'certain'), [
     ((), True), (('actuator_compliance',), False), (('inclusion',), False),
-    (('actuator_lag',), True)])
-def test_what_a_model_could_tell_from_it_is_left_to_the_model(rivals, certain):
-    """A lag is before the encoders: no model that they drive could tell."""
+    (('marker_slip',), False)])
+def test_what_has_rivals_is_left_to_the_model(rivals, certain):
     gain = Finding('encoder', 'pad_1', 'actuator_gain', 'gain', 0.06, '', 1e-3, 60.0, 0.0, 9.0,
                    'The marker departs from the encoder.', rivals,
                    parameters={'gain': 0.06, 'actuators': (0,)})

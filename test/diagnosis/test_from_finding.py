@@ -1,0 +1,59 @@
+"""What a finding without a model becomes in the answer: one cause, or a class with its rivals."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from arm_brachy.core.paths import config_dir
+from arm_brachy.core.scene import load_scene
+from arm_brachy.diagnosis.diagnose import with_findings
+from arm_brachy.diagnosis.finding import Finding
+from arm_brachy.diagnosis.given import Given
+
+
+@pytest.fixture(scope='module')
+def scene():
+    return load_scene(config_dir() / 'scenes' / 'breast.yaml')
+
+
+def gain(rivals=('actuator_compliance',)):
+    return Finding('encoder', 'pad_2', 'actuator_gain', 'gain', 0.06, '1', 1e-3, 60.0, 0.0, 9.0,
+                   'The marker departs from the encoder.', rivals,
+                   parameters={'gain': 0.06, 'actuators': (1,)})
+
+
+def answered(scene, finding, verdict='nothing_missing', causes=()):
+    """(causes, where, when) of a decision with one finding that is left to the model."""
+    found = Given((), ((finding, 'one'),), ()) if finding.rivals else Given(
+        ((finding, 'one'),), (), ())
+    return with_findings(found, scene, causes, (), (), SimpleNamespace(verdict=verdict, ranked=()))
+
+
+def test_a_finding_without_rivals_is_a_cause(scene):
+    (cause,), (place,), (when,) = answered(scene, gain(()))
+    assert (cause.term, cause.option, cause.applies_to) == ('actuator_gain', 0,
+                                                            {'actuators': (1,)})
+    assert cause.parameters['gain'].value == pytest.approx(0.06)
+    assert place.actuator == scene.pads[1].name and when.recording == 'one'
+
+
+def test_a_finding_that_no_model_told_from_its_rivals_is_a_class(scene):
+    causes, where, _ = answered(scene, gain())
+    assert [(c.term, c.option) for c in causes] == [('actuator_gain', 1),
+                                                    ('actuator_compliance', 2)]
+    assert sum(c.probability for c in causes) == pytest.approx(1.0, abs=2e-3)
+    assert causes[1].applies_to == {'actuators': (1,)} and not causes[1].parameters
+    assert [p.actuator for p in where] == [scene.pads[1].name] * 2
+    assert causes[1].build().actuators == (1,)
+
+
+def test_a_rival_that_the_model_named_takes_the_finding(scene):
+    named, _, _ = answered(scene, gain())
+    rival = next(c for c in named if c.term == 'actuator_compliance')
+    causes, where, when = answered(scene, gain(), 'named', (rival,))
+    assert causes == [rival] and where == [] and when == []
+
+
+def test_where_something_is_left_that_nothing_explains_there_are_no_options(scene):
+    causes, _, _ = answered(scene, gain(), 'unexplained')
+    assert [(c.term, c.option) for c in causes] == [('actuator_gain', 0)]
