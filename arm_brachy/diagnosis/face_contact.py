@@ -55,6 +55,10 @@ class FaceContact:
         return Touching(y0, np.zeros_like(y0), ways, points, np.zeros_like(ways),
                         np.zeros_like(y0), 0.0, 0.0)
 
+    def untouched(self, state):
+        """Return y0 (k, 3) [m] of which `state` is the Touching here, wherever it was found."""
+        return state.y + self._bent(state.p)
+
     def step(self, state, y0, ways):
         """Return the next Touching in balance, anchors drawn along, or None if none is found.
 

@@ -21,6 +21,7 @@ from arm_brachy.diagnosis.responses import (
     sensing_change,
     transmission_change,
 )
+from arm_brachy.diagnosis.slip import NEAR
 from arm_brachy.diagnosis.specimen import Specimen
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.registry import TERMS
@@ -120,7 +121,7 @@ class RecordingFit:
         if self._bonded is None or self._bonded[0] != others:
             self._bonded = others, Baseline(self.model(others), self.data.encoder, self.data.t)
         bonded = self._bonded[1]
-        change = loosened_change(bonded, loose)
+        change = loosened_change(bonded, loose, NEAR)
         found = {kind: bonded.shown[kind] + change[kind] for kind in STAGES}
         return found if all(np.isfinite(one).all() for one in found.values()) else None
 

@@ -137,12 +137,13 @@ def _supported(baseline, term, scale):
     return _by(scale, _difference(baseline, [baseline.split(change) for change in changes]))
 
 
-def loosened_change(baseline, term):
+def loosened_change(baseline, term, near=np.inf):
     """Return the change kind -> (n, c, 3) by a term that takes pads off their bonds (`slip`).
 
-    baseline : of a model without memory. NaN from a state on that is not found
+    baseline : of a model without memory;  near : as in `slip.slip_change`
+    NaN from a state on that is not found
     """
-    changes = slip_change(baseline, _prepared(baseline.model, term)[0])
+    changes = slip_change(baseline, _prepared(baseline.model, term)[0], near)
     return _difference(baseline, [baseline.split(change) for change in changes])
 
 
