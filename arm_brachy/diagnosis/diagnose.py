@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from arm_brachy.core.random import stream
+from arm_brachy.core.term import Kind
 from arm_brachy.diagnosis import conclude
 from arm_brachy.diagnosis.asking import asked
 from arm_brachy.diagnosis.diagnosis import Diagnosis
@@ -33,6 +34,7 @@ from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.statements import Recording
 from arm_brachy.diagnosis.states import LIMIT
 from arm_brachy.diagnosis.traces import traces
+from arm_brachy.registry import by_name
 
 FEWEST = 12         # states of a recording that are worth comparing
 MOST = 200          # states of all recordings together
@@ -209,7 +211,8 @@ def with_findings(found, scene, causes, where, when, decision):
     found : given.Given;  scene : core.scene.Scene;  causes, where, when : of the answer so far
     decision : decide.Decision. Returns causes, where and when as lists.
     One that has rivals is told unless the comparison with the model named one of them, or that
-    leads where nothing explains all: as a class, if nothing else is one.
+    leads where nothing explains all: as a class with those that no model could have told from it,
+    if nothing else is one.
     """
     causes, where, when, seen = list(causes), list(where), list(when), set()
     told = {cause.term for cause in causes}
@@ -223,13 +226,19 @@ def with_findings(found, scene, causes, where, when, decision):
             continue
         seen.add(key)
         options = [(cause_of(finding, CERTAIN), finding)]
-        if finding.rivals and _may_be_class(decision, causes):
-            options = options_of(finding, CERTAIN)
+        if _alike(finding) and _may_be_class(decision, causes):
+            options = options_of(finding, _alike(finding), CERTAIN)
         for cause, said in options:
             causes.append(cause)
             where.append(place_of(said, scene, cause.option))
             when.append(interval_of(said, name))
     return causes, where, when
+
+
+def _alike(finding):
+    """Rivals of a finding but for tissue and boundary: these move markers, and were not found."""
+    return tuple(name for name in finding.rivals
+                 if by_name(name).spec.kind not in (Kind.TISSUE, Kind.BOUNDARY))
 
 
 def _may_be_class(decision, causes):

@@ -32,14 +32,14 @@ def cause_of(finding, probability, option=0):
     return Cause(finding.term, estimates, chosen, probability, option)
 
 
-def options_of(finding, probability):
-    """(Cause, Finding) of a finding.Finding and of each of its rivals: options 1, 2 and so on.
+def options_of(finding, rivals, probability):
+    """(Cause, Finding) of a finding.Finding and of each of some rivals: options 1, 2 and so on.
 
     probability : that one of them holds, shared evenly. A rival's parameters are not known.
     """
-    share = probability / (1 + len(finding.rivals))
+    share = probability / (1 + len(rivals))
     options = [(cause_of(finding, share, 1), finding)]
-    for number, rival in enumerate(finding.rivals, start=2):
+    for number, rival in enumerate(rivals, start=2):
         names = set(f.name for f in fields(by_name(rival))) - set(quantities(by_name(rival)))
         chosen = {k: v for k, v in finding.parameters.items() if k in names}
         options.append((Cause(rival, {}, chosen, share, number),

@@ -47,6 +47,11 @@ def test_a_finding_that_no_model_told_from_its_rivals_is_a_class(scene):
     assert causes[1].build().actuators == (1,)
 
 
+def test_tissue_that_the_model_did_not_find_is_no_option(scene):
+    causes, _, _ = answered(scene, gain(('inclusion',)))
+    assert [(c.term, c.option) for c in causes] == [('actuator_gain', 0)]
+
+
 def test_a_rival_that_the_model_named_takes_the_finding(scene):
     named, _, _ = answered(scene, gain())
     rival = next(c for c in named if c.term == 'actuator_compliance')
