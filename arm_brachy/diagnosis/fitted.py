@@ -15,6 +15,7 @@ from arm_brachy.diagnosis.law_error import law_of, widened
 from arm_brachy.diagnosis.motion import corners_of
 from arm_brachy.diagnosis.recording_fit import Data
 from arm_brachy.diagnosis.refit import Refit, refit
+from arm_brachy.diagnosis.standing_back import standing_back
 from arm_brachy.diagnosis.stream import FORCE
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
@@ -35,6 +36,7 @@ class Fitted:
     kept : per recording that may lack something (k,) numbers of the states they were fitted at
     scale : Estimate of the modulus over that of the model, fitted with them; None without refit
     notes : sentences
+    back : per such recording columns (N, g) of loose pads that stand back (`standing_back`)
     """
 
     hypotheses: tuple
@@ -44,6 +46,7 @@ class Fitted:
     kept: tuple
     scale: Estimate | None = None
     notes: tuple = ()
+    back: tuple = ()
 
     def causes(self, probability, option=0):
         """cause.Cause each."""
@@ -101,6 +104,10 @@ def fit_in_full(assembly, candidate, law):
     data = [_without_modulus(m, some) for m, some in zip(suspects, kept, strict=True)]
     modulus = hypothesis(StiffnessScale)
     try:
+        back = tuple(_standing_back(m, one, hypotheses, amplitudes)
+                     for m, one in zip(suspects, data, strict=True))
+        data = [replace(one, U=np.hstack([one.U, columns]))
+                for one, columns in zip(data, back, strict=True)]
         found = refit(data, (*hypotheses, modulus), (*amplitudes, np.zeros(1)))
     except NotConverged as error:
         amplitudes = [_allowed(*x) for x in zip(hypotheses, amplitudes, strict=True)]
@@ -114,7 +121,12 @@ def fit_in_full(assembly, candidate, law):
     if any(term.stage is Stage.BODY for term in found.terms[:n]):
         estimates = widened(found, data, found.terms[n].factor, law_of(hypotheses, law))
     return Fitted(hypotheses, found.terms[:n], tuple(estimates[i] for i in range(n)), found,
-                  kept, estimates[n]['factor'])
+                  kept, estimates[n]['factor'], back=back)
+
+
+def _standing_back(m, data, hypotheses, amplitudes):
+    terms = [one.term(_allowed(one, a)) for one, a in zip(hypotheses, amplitudes, strict=True)]
+    return standing_back(data, terms, m.recorded.prepared.calibration.touch)
 
 
 def _effects(assembly, candidate):
@@ -203,6 +215,7 @@ def parts_of(assembly, fitted, ratio):
         if fitted is not None and fitted.refit is not None:
             columns = fitted.refit.columns[i]
             named = fitted.refit.residual[i] + columns @ fitted.refit.z
+            columns = np.hstack([columns, fitted.back[i]])
         found = fitted is not None or bool(m.baseline.model.terms)
         plain = _without_terms(m, data.encoder, data.t, shown)
         out.append(_part(m, data.observables, kinds, data.U, plain, ratio,
@@ -217,7 +230,8 @@ def tested_part(m, fitted, ratio):
         model = ForwardModel(m.baseline.model.specimen,
                              (*m.baseline.model.terms, *fitted.refit.terms))
         found = _shown(model, m, m.recorded.path, m.recorded.states.t)
-        named, width = m.observables.residual(found), len(fitted.refit.z)
+        named = m.observables.residual(found)
+        width = len(fitted.refit.z) + fitted.back[0].shape[1]
     found = fitted is not None or bool(m.baseline.model.terms)
     plain = _without_terms(m, m.recorded.path, m.recorded.states.t, m.baseline.shown)
     return _part(m, m.observables, m.kinds, m.U, plain, ratio,

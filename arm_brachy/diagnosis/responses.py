@@ -137,13 +137,13 @@ def _supported(baseline, term, scale):
     return _by(scale, _difference(baseline, [baseline.split(change) for change in changes]))
 
 
-def loosened_change(baseline, term, near=np.inf):
+def loosened_change(baseline, term, near=np.inf, back=0.0):
     """Return the change kind -> (n, c, 3) by a term that takes pads off their bonds (`slip`).
 
-    baseline : of a model without memory;  near : as in `slip.slip_change`
+    baseline : of a model without memory;  near, back : as in `slip.slip_change`
     NaN from a state on that is not found
     """
-    changes = slip_change(baseline, _prepared(baseline.model, term)[0], near)
+    changes = slip_change(baseline, _prepared(baseline.model, term)[0], near, back)
     return _difference(baseline, [baseline.split(change) for change in changes])
 
 

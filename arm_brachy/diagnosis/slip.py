@@ -106,32 +106,35 @@ class Loosened:
         return True
 
 
-def slip_change(baseline, body, near=np.inf):
+def slip_change(baseline, body, near=np.inf, back=0.0):
     """Return the changes (n, r) of observables by pads of `body` that touch.
 
     baseline : baseline.Baseline of a model without memory, which keeps what each pad does
     body : SoftBody of its model, some pads with a face
     near : [m] that a loose pad may be from where a compliance is known, inf = one will do
+    back : (p,) or float [m] that a loose pad stands back from where the tissue is at rest
     The sum over pads: what slips under one is hardly noticed under the next. Rows of states from
     where on no balance is found are NaN. Raises as Loosened.
     """
     known, total = baseline.loosened, 0.0
+    back = np.broadcast_to(back, len(body.pads))
     for i in np.flatnonzero(touches(body)):
         alone = replace(body, pads=tuple(pad if k == i else replace(pad, face=None)
                                          for k, pad in enumerate(body.pads)))
-        key = i, body.pads[i].face, near
+        key = i, body.pads[i].face, near, float(back[i])
         if key not in known:
-            known[key] = _one_loose(baseline, alone, near)
+            known[key] = _one_loose(baseline, alone, near, back[i])
         total = total + known[key]
     return total
 
 
-def _one_loose(baseline, body, near):
+def _one_loose(baseline, body, near, back):
     """The changes (n, r) by the one pad of `body` that touches."""
     loosened, kept = Loosened(baseline, body, near), _corners(baseline)
     pads, number = baseline.trajectory.pads[kept], np.searchsorted(kept, baseline.at)
+    ways = (pads - back * baseline.model.directions)[:, loosened.loose]
     about = np.array([_nearest(baseline, there) for there in pads])
-    walk = dict(enumerate(_walked(loosened, body.mesh.nodes[loosened.nodes], pads, about)))
+    walk = dict(enumerate(_walked(loosened, body.mesh.nodes[loosened.nodes], pads, ways, about)))
     out = np.full((len(baseline.t), len(baseline.sensitivity(0).force)), np.nan)
     for i, k in enumerate(number):
         if k in walk:
@@ -146,17 +149,18 @@ def _corners(baseline):
     return np.union1d(corners_of(baseline.trajectory.t, pads, CORNER * travel), baseline.at)
 
 
-def _walked(loosened, rest, pads, about):
+def _walked(loosened, rest, pads, faces, about):
     """Yield the Touching at every instant, until no balance is found.
 
     rest : (k, 3) [m] where faces and tissue met before anything was loaded, as the plant starts
-    pads : (m, p, 3) [m];  about : (m,) states of the baseline that are their references
+    pads : (m, p, 3) [m];  faces : (m, t, 3) [m] of those that touch
+    about : (m,) states of the baseline that are their references
     """
-    ways = 0.0 * pads[0][loosened.loose]
+    ways = faces[0] - pads[0][loosened.loose]
     state = loosened.contact(about[0]).start(rest, ways)
-    for there, i in zip(pads, about, strict=True):
-        contact, clear = loosened.contact(i), loosened.untouched(i, there)
-        there, free = there[loosened.loose], contact.untouched(state)
+    for bonded, there, i in zip(pads, faces, about, strict=True):
+        contact, clear = loosened.contact(i), loosened.untouched(i, bonded)
+        free = contact.untouched(state)
         far = max(np.abs(there - ways).max(), np.abs(clear - free).max())
         size = 1.0 / max(1, int(np.ceil(far / STEP)))
         t, least = 0.0, size * 0.5 ** BISECTIONS

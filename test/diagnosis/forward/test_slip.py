@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from arm_brachy.devices.terms.actuator_gain import ActuatorGain
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.face_contact import FaceContact
 from arm_brachy.diagnosis.forward import ForwardModel
@@ -92,6 +93,23 @@ def test_changes_are_those_of_full_runs(quadratic, encoder, pads, friction):
     baseline = Baseline(ForwardModel(quadratic), encoder, STATES)
     found = errors(baseline, PadSlip(friction, pads=pads), NEAR)
     assert max(found.values()) < 0.08 and found['force'] < 0.02, found
+
+
+def test_a_pad_that_stands_back_is_an_offset_of_its_actuator(quadratic, shallow):
+    """The plant's way to stand back, beside another pad that pushes the tissue towards it."""
+    back, term = 2e-4, PadSlip(0.3, pads=('pad_1',))
+    baseline = Baseline(ForwardModel(quadratic), shallow, STATES)
+    late = ActuatorGain(gain=0.0, offset=-back, actuators=(0,))
+    full = [ForwardModel(quadratic, terms).predict(shallow, STATES)
+            for terms in ((term,), (late, term))]
+    found = [loosened_change(baseline, term, NEAR, one) for one in (0.0, back)]
+    for kind in ('optical', 'force'):
+        expected = full[1].get(kind) - full[0].get(kind)
+        shift = found[1][kind] - found[0][kind]
+        if kind == 'optical':   # the marker on the pad goes with it
+            rides = baseline.model.attached.on_pad[:expected.shape[1], 0] > 0.0
+            expected, shift = expected[:, ~rides], shift[:, ~rides]
+        assert np.linalg.norm(shift - expected) < 0.15 * np.linalg.norm(expected), kind
 
 
 def test_one_compliance_will_do_to_find_out_what_slips(quadratic, shallow):

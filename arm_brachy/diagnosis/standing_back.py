@@ -1,0 +1,39 @@
+"""Loose pads that stand back from the tissue, or press it, where their encoders say zero.
+
+A bonded pad that is off its zero draws the tissue along at all times, as the nuisance `touch` of
+the model has it; a loose one pushes less far, and what others bring towards it meets it later.
+Test: diagnosis/forward/test_slip.py
+"""
+
+import numpy as np
+
+from arm_brachy.diagnosis.baseline import Baseline
+from arm_brachy.diagnosis.forward import STAGES, ForwardModel
+from arm_brachy.diagnosis.hypotheses import LOOSENING
+from arm_brachy.diagnosis.responses import loosened_change
+from arm_brachy.diagnosis.slip import NEAR
+from arm_brachy.tissue.contact_pads import touches
+
+
+def standing_back(data, terms, touch):
+    """Return columns (N, g): whitened change by each loose pad standing back by `touch` [m].
+
+    data : recording_fit.Data;  terms : those of a hypothesis, at about their sizes
+    No column where no term loosens a pad. Raises NotConverged where no state is found.
+    """
+    loose = [term for term in terms if term.spec.name in LOOSENING]
+    columns = np.zeros((len(data.observables.rows), 0))
+    if not loose:
+        return columns
+    others = tuple(term for term in (*data.terms, *terms) if term not in loose)
+    baseline = Baseline(ForwardModel(data.specimen, others), data.encoder, data.t)
+    for term in loose:
+        body = term.prepare(baseline.model.specimen.body)
+        as_is = loosened_change(baseline, term, NEAR)
+        for i in np.flatnonzero(touches(body)):
+            back = np.where(np.arange(len(body.pads)) == i, touch, 0.0)
+            moved = loosened_change(baseline, term, NEAR, back)
+            column = data.observables.whiten(
+                {kind: (moved[kind] - as_is[kind])[..., None] for kind in STAGES})
+            columns = np.hstack([columns, column])
+    return columns
