@@ -214,7 +214,7 @@ def with_findings(found, scene, causes, where, when, decision):
     leads where nothing explains all: as a class with those that no model could have told from it,
     if nothing else is one.
     """
-    causes, where, when, seen = list(causes), list(where), list(when), set()
+    causes, where, when, seen, split = list(causes), list(where), list(when), set(), None
     told = {cause.term for cause in causes}
     known = told | _leads(decision)
     sure = [*found.certain, *((f, name) for f, name in found.open
@@ -225,10 +225,14 @@ def with_findings(found, scene, causes, where, when, decision):
             when.append(interval_of(finding, name))
             continue
         seen.add(key)
-        options = [(cause_of(finding, CERTAIN), finding)]
-        if _alike(finding) and _may_be_class(decision, causes):
-            options = options_of(finding, _alike(finding), CERTAIN)
+        alike = _alike(finding)
+        options = [(cause_of(finding, CERTAIN / (1 + len(alike))), finding)]
+        if alike and ((finding.term, alike) == split or _may_be_class(decision, causes)):
+            split = finding.term, alike     # of several pads: all have the one or the other
+            options = options_of(finding, alike, CERTAIN)
         for cause, said in options:
+            if cause in causes:
+                continue
             causes.append(cause)
             where.append(place_of(said, scene, cause.option))
             when.append(interval_of(said, name))

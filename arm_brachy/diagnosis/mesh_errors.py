@@ -41,7 +41,7 @@ class EnsembleOptions:
     members: int = 16
     inflation: float = quantity(2.0, '', 'times the deviations within the ensemble', low=0.0,
                                 high=100.0, source='least of 1, 1.5, 2, 3 at which three other '
-                                'meshes of the breast leave nothing')
+                                'meshes of the breast leave nothing, by tangents')
     shared: float = quantity(0.5, '', 'share of the variance that is kept as found, common to '
                              'channels', low=0.0, high=1.0, source='own choice')
 

@@ -55,7 +55,7 @@ class Loosened:
         self.baseline, self.loose = baseline, contact.touching
         self._solver, self._statics = contact.solver, contact.solver.statics
         self.nodes, self._faces = _faces(contact)
-        self._known, self._last = {}, None
+        self._known = {}
         self._place = self._places(near)
 
     def contact(self, i):
@@ -78,12 +78,12 @@ class Loosened:
         """(n,) states whose compliance each takes: that loaded least with the loose pad near."""
         pads = self.baseline.trajectory.pads[self.baseline.at]
         order = np.argsort(np.abs(pads).sum(axis=(1, 2)), kind='stable')
-        place = np.full(len(pads), -1)
+        place, last = np.full(len(pads), -1), None
         for i in order:
             if place[i] < 0:
                 away = np.linalg.norm((pads - pads[i])[:, self.loose], axis=2).max(axis=1)
-                place[(place < 0) & (away <= near)] = i if self._stable(i) else self._last
-                self._last = place[i]
+                last = i if self._stable(i) else last
+                place[(place < 0) & (away <= near)] = last
         return place
 
     def _stable(self, i):

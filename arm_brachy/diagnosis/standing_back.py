@@ -19,14 +19,18 @@ def standing_back(data, terms, touch):
     """Return columns (N, g): whitened change by each loose pad standing back by `touch` [m].
 
     data : recording_fit.Data;  terms : those of a hypothesis, at about their sizes
-    No column where no term loosens a pad. Raises NotConverged where no state is found.
+    No column where no term loosens a pad, or beside terms with memory, which a fit refuses.
+    Raises NotConverged where no state is found.
     """
     loose = [term for term in terms if term.spec.name in LOOSENING]
     columns = np.zeros((len(data.observables.rows), 0))
     if not loose:
         return columns
     others = tuple(term for term in (*data.terms, *terms) if term not in loose)
-    baseline = Baseline(ForwardModel(data.specimen, others), data.encoder, data.t)
+    model = ForwardModel(data.specimen, others)
+    if model.remembers or model.timed:
+        return columns
+    baseline = Baseline(model, data.encoder, data.t)
     for term in loose:
         body = term.prepare(baseline.model.specimen.body)
         as_is = loosened_change(baseline, term, NEAR)

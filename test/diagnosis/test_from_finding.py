@@ -1,5 +1,6 @@
 """What a finding without a model becomes in the answer: one cause, or a class with its rivals."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -22,10 +23,11 @@ def gain(rivals=('actuator_compliance',)):
                    parameters={'gain': 0.06, 'actuators': (1,)})
 
 
-def answered(scene, finding, verdict='nothing_missing', causes=()):
-    """(causes, where, when) of a decision with one finding that is left to the model."""
-    found = Given((), ((finding, 'one'),), ()) if finding.rivals else Given(
-        ((finding, 'one'),), (), ())
+def answered(scene, finding, verdict='nothing_missing', causes=(), more=()):
+    """(causes, where, when) of a decision with findings, those with rivals left to the model."""
+    each = [(one, 'one') for one in (finding, *more)]
+    found = Given(tuple(x for x in each if not x[0].rivals),
+                  tuple(x for x in each if x[0].rivals), ())
     return with_findings(found, scene, causes, (), (), SimpleNamespace(verdict=verdict, ranked=()))
 
 
@@ -45,6 +47,14 @@ def test_a_finding_that_no_model_told_from_its_rivals_is_a_class(scene):
     assert causes[1].applies_to == {'actuators': (1,)} and not causes[1].parameters
     assert [p.actuator for p in where] == [scene.pads[1].name] * 2
     assert causes[1].build().actuators == (1,)
+
+
+def test_findings_alike_on_two_pads_are_one_class(scene):
+    other = replace(gain(), channel='pad_1', parameters={'gain': 0.05, 'actuators': (0,)})
+    causes, _, _ = answered(scene, gain(), more=(other,))
+    assert [(c.term, c.option, c.applies_to['actuators']) for c in causes] == [
+        ('actuator_gain', 1, (1,)), ('actuator_compliance', 2, (1,)),
+        ('actuator_gain', 1, (0,)), ('actuator_compliance', 2, (0,))]
 
 
 def test_tissue_that_the_model_did_not_find_is_no_option(scene):
