@@ -2,14 +2,17 @@
 
 import os
 import shutil
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-from arm_brachy.prove.folder import write_json
+from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.prove.folder import read_json, write_json
 
 WHEN = 946684800    # s since 1970: the date of every file, so that it tells nothing
+ATTEMPTS = 5        # at a case, until the generator finds all its states; own choice
 
 
 def prepare_body(source, job, folder):
@@ -29,14 +32,28 @@ def make_case(source, job, folder, sealed, modes):
     """Make the recording of a job, and the sound one where a mode needs it; returns its name.
 
     sealed : folder that receives truth.json and heldout.npz
+    What the generator cannot make is drawn anew, up to ATTEMPTS times; `attempt` of the truth
+    counts. Raises ArmBrachyError after that.
     """
     if not folder.given(job.name).is_dir():
-        truth = _record(source, job, folder, folder.given(job.name), sound=False, sealed=sealed)
-        write_json(sealed / 'truth.json', {**truth, 'kind': job.kind, 'body': job.body})
-        same_dates(sealed)
+        _first_that_can_be_made(source, job, folder, sealed)
     if 'null' in modes and not folder.sound(job.name).is_dir():
-        _record(source, job, folder, folder.sound(job.name), sound=True)
+        made = replace(job, attempt=read_json(sealed / 'truth.json')['attempt'])
+        _record(source, made, folder, folder.sound(job.name), sound=True)
     return job.name
+
+
+def _first_that_can_be_made(source, job, folder, sealed):
+    unmade = import_module(source).Unmade
+    for attempt in range(ATTEMPTS):
+        drawn = replace(job, attempt=attempt)
+        try:
+            return _record(source, drawn, folder, folder.given(job.name), sound=False,
+                           sealed=sealed)
+        except unmade as error:
+            last = error
+    raise ArmBrachyError(f'{job.name}: none of {ATTEMPTS} cases drawn could be made, the last '
+                         f'since {last}; mend the generator')
 
 
 def same_dates(folder):
@@ -46,20 +63,26 @@ def same_dates(folder):
 
 
 def _record(source, job, folder, target, *, sound, sealed=None):
-    """Make one recording beside its place and move it there; returns the truth, arrays kept."""
+    """Make one recording beside its place and move it there, its truth being sealed before."""
     new = _clean(folder / 'cache' / f'new_{job.name}')
     truth = import_module(source).make(
         job, new, folder / 'cache', folder / 'cache' / f'body_{job.body}', sound=sound)
-    arrays = truth.pop('heldout', {})
     if sealed is not None:
-        sealed.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(sealed / 'heldout.npz', **{
-            f'{name}/{key}': np.asarray(value) for name, one in arrays.items()
-            for key, value in one.items()})
+        _seal(truth, job, sealed)
     same_dates(new)
     target.parent.mkdir(parents=True, exist_ok=True)
     os.replace(new, target)
-    return truth
+
+
+def _seal(truth, job, sealed):
+    sealed.mkdir(parents=True, exist_ok=True)
+    arrays = truth.pop('heldout', {})
+    np.savez_compressed(sealed / 'heldout.npz', **{
+        f'{name}/{key}': np.asarray(value) for name, one in arrays.items()
+        for key, value in one.items()})
+    write_json(sealed / 'truth.json', {**truth, 'kind': job.kind, 'body': job.body,
+                                       'attempt': job.attempt})
+    same_dates(sealed)
 
 
 def _clean(path):

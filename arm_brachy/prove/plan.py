@@ -16,6 +16,7 @@ class Job:
 
     name : case_000 and up, at random;  kind : of SHARES;  wish : name of a term or family, '' =
         any;  body : number of the body;  seed : of the trial;  number : of the draw within it
+    attempt : how often it was drawn anew, since the generator could not make what was drawn
     """
 
     name: str
@@ -24,10 +25,11 @@ class Job:
     body: int
     seed: int
     number: int
+    attempt: int = 0
 
     def rng(self):
         """The random generator of this case."""
-        return np.random.default_rng([self.seed, 1, self.number])
+        return np.random.default_rng([self.seed, 1, self.number, self.attempt])
 
     def body_rng(self):
         """The random generator of its body, the same for all cases on it."""

@@ -1,6 +1,7 @@
 """The generator as the trial sees it: what may be wished for, bodies, recordings with their truth.
 
-Another generator is another module with WISHES, `prepare` and `make`.
+Another generator is another module with WISHES, `prepare`, `make`, and Unmade, which `make` raises
+for a case that it cannot make.
 """
 
 import json
@@ -14,6 +15,7 @@ from arm_brachy.prove.generator.body import COARSE, SOLVERS, draw_body
 from arm_brachy.prove.generator.case import TERMS, draw
 from arm_brachy.prove.generator.make import known
 from arm_brachy.prove.generator.make import make as record
+from arm_brachy.prove.generator.solver import NotSolved
 from arm_brachy.prove.generator.strange import STRANGE as FAMILIES
 from arm_brachy.prove.plan import CONFOUNDED, NULL, PAIR, SINGLE, STRANGE
 
@@ -25,6 +27,7 @@ WITHHELD = ('forces', 'em', 'tissue')
 WISHES = {NULL: (), SINGLE: VISIBLE, PAIR: (), STRANGE: tuple(sorted(FAMILIES)),
           CONFOUNDED: ('lost_steps',)}
 MESH = 'mesh.msh'
+Unmade = NotSolved
 
 
 def body_of(job):

@@ -7,7 +7,7 @@ Test: prove/test_trial.py
 """
 
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
@@ -60,7 +60,9 @@ def run(setup, folder, source, progress=lambda stage, done, of: None):
     answer_all(folder, asked, setup.detector, setup.workers, setup.limit,
                lambda done, of: progress('answering', done, of))
     records = publish_answers(folder, asked)
-    return jobs, open_truth(folder, begun, jobs), records
+    truths = open_truth(folder, begun, jobs)
+    made = tuple(replace(job, attempt=truths[job.name]['attempt']) for job in jobs)
+    return made, truths, records
 
 
 def begin(setup, folder):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from arm_brachy.core.errors import ArmBrachyError, InputError
-from arm_brachy.prove import plan, seal, trial
+from arm_brachy.prove import making, plan, seal, trial
 from arm_brachy.prove.folder import TrialFolder, read_json, write_json
 
 SOURCE = 'made_up_source'
@@ -47,6 +47,28 @@ def test_a_trial_goes_from_draw_to_opened_truth(tmp_path):
         known = truths[case]['labels'] if truths[case]['in_catalogue'] else []
         assert [cause['term'] for cause in record['answer']['causes']] == known
     assert trial.frozen(TrialFolder(tmp_path))
+
+
+def test_a_case_that_cannot_be_made_is_drawn_again_and_says_so(tmp_path):
+    jobs, truths, _ = trial.run(replace(SETUP, modes=('absolute', 'null')), tmp_path, SOURCE)
+    assert [job.attempt for job in jobs] == [0, 2, 0, 0, 0]
+    assert [truth['attempt'] for truth in truths.values()] == [0, 2, 0, 0, 0]
+    drawn = [replace(jobs[1], attempt=k).rng().uniform(0.2, 2.0) for k in range(3)]
+    assert len(set(drawn)) == 3
+    given = read_json(tmp_path / 'recordings' / 'case_001' / 'bag' / 'data.json')
+    assert given['size'] == drawn[2]
+
+
+def test_nothing_can_be_made(tmp_path, monkeypatch):
+    monkeypatch.setattr(making, 'ATTEMPTS', 2)
+    begun = trial.begin(SETUP, TrialFolder(tmp_path))
+    job = plan.draw(1, 5, {})[1]
+    (tmp_path / 'cache' / f'body_{job.body}').mkdir(parents=True)
+    (tmp_path / 'cache' / f'body_{job.body}' / 'mesh').touch()
+    with pytest.raises(ArmBrachyError, match='case_001: none of 2 .* since no state'):
+        making.make_case(SOURCE, job, TrialFolder(tmp_path),
+                         TrialFolder(tmp_path).sealed(begun['key'], job.name), ('absolute',))
+    assert not (tmp_path / 'recordings').exists()
 
 
 def test_a_truth_that_was_changed_after_it_was_published_is_caught(tmp_path):

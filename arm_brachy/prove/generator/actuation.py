@@ -9,6 +9,7 @@ from numba import njit
 from scipy.signal import lfilter
 
 from arm_brachy.prove.generator.protocol import RATE
+from arm_brachy.prove.generator.solver import NotSolved
 
 
 def chosen(names, wanted):
@@ -62,7 +63,7 @@ def compliance(t, u, names, v, push_back, steps=12):
         slope = np.where(np.abs(y - before) > 1e-12, (error - miss) / (y - before + 1e-30), 1.0)
         before, miss = y, error
         y = y - error / np.where(np.abs(slope) > 0.2, slope, 1.0)
-    raise RuntimeError(f'actuator_compliance: {np.abs(error).max()} m off after {steps} secants')
+    raise NotSolved(f'actuator_compliance: {np.abs(error).max()} m off after {steps} secants')
 
 
 ACTUATION = {
