@@ -15,10 +15,10 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve
+from scipy.linalg import inv, solve
 
 ITERATIONS, MINIMISING, HALVINGS, LAGS = 25, 100, 10, 6
-KEPT = 8            # blocks of the compliance
+KEPT = 8            # blocks of the compliance, and inverses
 CLOSE = 1e-8        # m, of the last Newton step; a point sticks within micrometres
 
 
@@ -46,7 +46,7 @@ class FaceContact:
 
     def __init__(self, faces, compliance):
         self.faces, self._C = tuple(faces), compliance
-        self._known = {}    # blocks of C by their nodes
+        self._blocks, self._inverses = {}, {}   # of C, by their nodes, which are often the same
 
     def start(self, y0, ways):
         """Return the Touching of faces, displaced by ways (t, 3) [m], that bear nothing yet."""
@@ -143,8 +143,8 @@ class FaceContact:
 
     def _shares(self, nodes, K, off):
         """Solution (a, 3) of (I + K C) p = off on some nodes (a,)."""
-        whole = np.eye(len(off)) + K @ self._block(nodes)
-        return solve(whole, off, overwrite_a=True, check_finite=False).reshape(-1, 3)
+        y = solve(self._stiffness(nodes) + K, off, overwrite_a=True, check_finite=False)  # C p
+        return (off - K @ y).reshape(-1, 3)
 
     def _bent(self, p):
         """C p (k, 3) [m]."""
@@ -158,14 +158,15 @@ class FaceContact:
         return 0.5 * part @ self._block(nodes) @ part
 
     def _block(self, nodes):
-        """C of some nodes (a,); they are often the same."""
-        key = nodes.tobytes()
-        if key not in self._known:
-            if len(self._known) >= KEPT:
-                self._known.pop(next(iter(self._known)))
+        """C of some nodes (a,)."""
+        def cut():
             rows = _rows(nodes)
-            self._known[key] = self._C[np.ix_(rows, rows)]
-        return self._known[key]
+            return self._C[np.ix_(rows, rows)]
+        return _kept(self._blocks, nodes, cut)
+
+    def _stiffness(self, nodes):
+        """Inverse of C of some nodes (a,), those without contact giving way."""
+        return _kept(self._inverses, nodes, lambda: inv(self._block(nodes), check_finite=False))
 
     def _bearing(self, points):
         return np.unique(np.concatenate([face.bearing(one) for face, one in zip(
@@ -177,6 +178,16 @@ def _lower(now, ahead, length, slope, lagged):
     if lagged:
         return ahead.energy <= now.energy + 1e-4 * length * slope + 1e-9 * abs(now.energy)
     return ahead.norm <= (1.0 - 0.1 * length) * now.norm
+
+
+def _kept(known, nodes, make):
+    """The entry of `known` for some nodes, made if it is not there; the oldest makes room."""
+    key = nodes.tobytes()
+    if key not in known:
+        if len(known) >= KEPT:
+            known.pop(next(iter(known)))
+        known[key] = make()
+    return known[key]
 
 
 def _rows(nodes):
