@@ -12,20 +12,25 @@ from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.prove.folder import read_json, write_json
 
 WHEN = 946684800    # s since 1970: the date of every file, so that it tells nothing
-ATTEMPTS = 5        # at a case, until the generator finds all its states; own choice
+ATTEMPT = 'attempt.json'    # of a body, in its folder
+ATTEMPTS = 5        # at a case or body, until the generator finds all its states; own choice
 
 
 def prepare_body(source, job, folder):
-    """Have the body of a job solved and meshed, unless it is; returns its number.
+    """Have the body of a job solved and meshed, unless it is; returns its `body_attempt`.
 
-    source : name of a module as `prove.source`;  folder : TrialFolder
+    source : name of a module as `prove.source`;  folder : TrialFolder. Raises as `make_case`.
     """
     done = folder / 'cache' / f'body_{job.body}'
     if not done.is_dir():
-        part = _clean(done.with_name(f'part_{done.name}'))
-        import_module(source).prepare(job, part, folder / 'cache')
+        part = done.with_name(f'part_{done.name}')
+
+        def prepare(drawn):
+            import_module(source).prepare(drawn, _clean(part), folder / 'cache')
+            write_json(part / ATTEMPT, drawn.body_attempt)
+        _first_that_can_be_made(source, job, 'body_attempt', prepare)
         os.replace(part, done)
-    return job.body
+    return read_json(done / ATTEMPT)
 
 
 def make_case(source, job, folder, sealed, modes):
@@ -36,24 +41,24 @@ def make_case(source, job, folder, sealed, modes):
     counts. Raises ArmBrachyError after that.
     """
     if not folder.given(job.name).is_dir():
-        _first_that_can_be_made(source, job, folder, sealed)
+        _first_that_can_be_made(source, job, 'attempt', lambda drawn: _record(
+            source, drawn, folder, folder.given(job.name), sound=False, sealed=sealed))
     if 'null' in modes and not folder.sound(job.name).is_dir():
         made = replace(job, attempt=read_json(sealed / 'truth.json')['attempt'])
         _record(source, made, folder, folder.sound(job.name), sound=True)
     return job.name
 
 
-def _first_that_can_be_made(source, job, folder, sealed):
+def _first_that_can_be_made(source, job, counter, make):
+    """Call make(job) with one `counter` of the job after the other, until it can be done."""
     unmade = import_module(source).Unmade
     for attempt in range(ATTEMPTS):
-        drawn = replace(job, attempt=attempt)
         try:
-            return _record(source, drawn, folder, folder.given(job.name), sound=False,
-                           sealed=sealed)
+            return make(replace(job, **{counter: attempt}))
         except unmade as error:
             last = error
-    raise ArmBrachyError(f'{job.name}: none of {ATTEMPTS} cases drawn could be made, the last '
-                         f'since {last}; mend the generator')
+    raise ArmBrachyError(f'{job.name} on body {job.body}: none of {ATTEMPTS} drawn could be made, '
+                         f'the last since {last}; mend the generator')
 
 
 def same_dates(folder):
@@ -81,7 +86,8 @@ def _seal(truth, job, sealed):
         f'{name}/{key}': np.asarray(value) for name, one in arrays.items()
         for key, value in one.items()})
     write_json(sealed / 'truth.json', {**truth, 'kind': job.kind, 'body': job.body,
-                                       'attempt': job.attempt})
+                                       'attempt': job.attempt,
+                                       'body_attempt': job.body_attempt})
     same_dates(sealed)
 
 

@@ -16,7 +16,8 @@ class Job:
 
     name : case_000 and up, at random;  kind : of SHARES;  wish : name of a term or family, '' =
         any;  body : number of the body;  seed : of the trial;  number : of the draw within it
-    attempt : how often it was drawn anew, since the generator could not make what was drawn
+    attempt, body_attempt : how often case and body were drawn anew, since the generator could not
+        make what was drawn
     """
 
     name: str
@@ -26,6 +27,7 @@ class Job:
     seed: int
     number: int
     attempt: int = 0
+    body_attempt: int = 0
 
     def rng(self):
         """The random generator of this case."""
@@ -33,12 +35,7 @@ class Job:
 
     def body_rng(self):
         """The random generator of its body, the same for all cases on it."""
-        return body_rng(self.seed, self.body)
-
-
-def body_rng(seed, body):
-    """The random generator of a body of a trial."""
-    return np.random.default_rng([seed, 2, body])
+        return np.random.default_rng([self.seed, 2, self.body, self.body_attempt])
 
 
 def counts(cases):

@@ -1,7 +1,7 @@
 """The generator as the trial sees it: what may be wished for, bodies, recordings with their truth.
 
-Another generator is another module with WISHES, `prepare`, `make`, and Unmade, which `make` raises
-for a case that it cannot make.
+Another generator is another module with WISHES, `prepare`, `make`, and Unmade, which these raise
+for what they cannot make.
 """
 
 import json

@@ -61,7 +61,8 @@ def run(setup, folder, source, progress=lambda stage, done, of: None):
                lambda done, of: progress('answering', done, of))
     records = publish_answers(folder, asked)
     truths = open_truth(folder, begun, jobs)
-    made = tuple(replace(job, attempt=truths[job.name]['attempt']) for job in jobs)
+    made = tuple(replace(job, **{name: truths[job.name][name] for name in
+                                 ('attempt', 'body_attempt')}) for job in jobs)
     return made, truths, records
 
 
@@ -95,19 +96,27 @@ def make_all(folder, begun, jobs, setup, source, progress):
                          'before its cases were made; begin another one with --out')
     key, one_a_body = begun['key'], {job.body: job for job in jobs}
     (folder / 'cache').mkdir(exist_ok=True)
-    stages = (('bodies', prepare_body, [(source, job, folder) for job in one_a_body.values()]),
-              ('recordings', make_case, [(source, job, folder, folder.sealed(key, job.name),
-                                          setup.modes) for job in jobs]))
-    for stage, work, tasks in stages:
-        progress(stage, 0, len(tasks))
-        with process_pool(min(setup.workers, len(tasks))) as pool:
-            waiting = [pool.submit(work, *task) for task in tasks]
-            try:
-                for done, future in enumerate(waiting, start=1):
-                    future.result()
-                    progress(stage, done, len(tasks))
-            finally:
-                pool.shutdown(cancel_futures=True)
+    attempts = _all_done(setup, 'bodies', prepare_body,
+                         [(source, job, folder) for job in one_a_body.values()], progress)
+    attempts = dict(zip(one_a_body, attempts, strict=True))
+    jobs = [replace(job, body_attempt=attempts[job.body]) for job in jobs]
+    _all_done(setup, 'recordings', make_case,
+              [(source, job, folder, folder.sealed(key, job.name), setup.modes) for job in jobs],
+              progress)
+
+
+def _all_done(setup, stage, work, tasks, progress):
+    """What work(*task) returns for every task, in processes."""
+    progress(stage, 0, len(tasks))
+    with process_pool(min(setup.workers, len(tasks))) as pool:
+        waiting = [pool.submit(work, *task) for task in tasks]
+        try:
+            for done, future in enumerate(waiting, start=1):
+                future.result()
+                progress(stage, done, len(tasks))
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return [future.result() for future in waiting]
 
 
 def publish(folder, begun, jobs):

@@ -15,6 +15,10 @@ class Unmade(Exception):
 
 
 def prepare(job, body_folder, cache):
+    if job.body == 0 and job.body_attempt < 1:
+        (body_folder / 'half').touch()
+        raise Unmade('creases')
+    assert not (body_folder / 'half').exists()
     (body_folder / 'mesh').write_text('made')
     with (cache.parent / 'prepared.txt').open('a') as file:
         file.write(f'{job.body}\n')
@@ -26,6 +30,7 @@ def make(job, folder, cache, body_folder, *, sound=False):
         file.write(f'{job.name} {sound}\n')
     if job.name == 'case_001' and job.attempt < 2:
         raise Unmade('no state')
+    assert job.body_attempt == (1 if job.body == 0 else 0)
     size = float(job.rng().uniform(0.2, 2.0))
     label = [] if job.kind == NULL or sound else [job.wish or 'strange_thing']
     (folder / 'bag').mkdir()

@@ -53,6 +53,8 @@ def test_a_case_that_cannot_be_made_is_drawn_again_and_says_so(tmp_path):
     jobs, truths, _ = trial.run(replace(SETUP, modes=('absolute', 'null')), tmp_path, SOURCE)
     assert [job.attempt for job in jobs] == [0, 2, 0, 0, 0]
     assert [truth['attempt'] for truth in truths.values()] == [0, 2, 0, 0, 0]
+    assert {job.body_attempt for job in jobs} == {1}    # of the only body
+    assert jobs[0].body_rng().random() != replace(jobs[0], body_attempt=0).body_rng().random()
     drawn = [replace(jobs[1], attempt=k).rng().uniform(0.2, 2.0) for k in range(3)]
     assert len(set(drawn)) == 3
     given = read_json(tmp_path / 'recordings' / 'case_001' / 'bag' / 'data.json')
@@ -63,9 +65,9 @@ def test_nothing_can_be_made(tmp_path, monkeypatch):
     monkeypatch.setattr(making, 'ATTEMPTS', 2)
     begun = trial.begin(SETUP, TrialFolder(tmp_path))
     job = plan.draw(1, 5, {})[1]
-    (tmp_path / 'cache' / f'body_{job.body}').mkdir(parents=True)
-    (tmp_path / 'cache' / f'body_{job.body}' / 'mesh').touch()
-    with pytest.raises(ArmBrachyError, match='case_001: none of 2 .* since no state'):
+    (tmp_path / 'cache').mkdir()
+    job = replace(job, body_attempt=making.prepare_body(SOURCE, job, TrialFolder(tmp_path)))
+    with pytest.raises(ArmBrachyError, match='case_001 .* none of 2 .* since no state'):
         making.make_case(SOURCE, job, TrialFolder(tmp_path),
                          TrialFolder(tmp_path).sealed(begun['key'], job.name), ('absolute',))
     assert not (tmp_path / 'recordings').exists()

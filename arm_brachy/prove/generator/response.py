@@ -9,6 +9,7 @@ from arm_brachy.prove.generator.solver import NotSolved, State
 
 LEVELS = (0.0, 1 / 3, 2 / 3, 1.0)
 PAIR_LEVEL = 2
+FOLLOWS = 1.2   # times as far as a pad that goes ahead, tissue moves at most, unless it creases
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ def solve_response(model, probes, pairs, levels=LEVELS, guess=None):
 
     guess : states of another model on the same grid at the same travels, each the start of the
     state here; without them, paths are followed from rest.
+    Raises NotSolved, also where the tissue creases: what is in between levels is then unknown.
     """
     strokes = np.array([pad.stroke for pad in model.pads])
     unit = np.diag(strokes)
@@ -71,7 +73,8 @@ def solve_response(model, probes, pairs, levels=LEVELS, guess=None):
     for i in range(len(strokes)):
         for k, level in enumerate(levels[1:], 1):
             near = shifted(guess[i][k], guess[i][0], rest) if guess else None
-            states[i].append(reach(model, states[i][-1], near, level * unit[i]))
+            states[i].append(smooth(states[i][-1], reach(model, states[i][-1], near,
+                                                         level * unit[i])))
     table = np.array([[outputs(model, probes, s) for s in row] for row in states])
     together = [pair_state(model, states, i, j, guess[-1][k] if guess else None)
                 for k, (i, j) in enumerate(pairs)]
@@ -81,6 +84,15 @@ def solve_response(model, probes, pairs, levels=LEVELS, guess=None):
     coupling = coupling.reshape(len(pairs), table.shape[-1])
     return (Response(strokes, tuple(levels), table[0, 0], table, tuple(pairs), coupling),
             [*states, together])
+
+
+def smooth(before, state):
+    """The state that follows `before`; raises NotSolved where tissue has jumped from there."""
+    ahead = np.abs(state.y - before.y).max()
+    far = np.linalg.norm(state.u - before.u, axis=1).max()
+    if far > FOLLOWS * ahead:
+        raise NotSolved(f'tissue jumps by {far} m as a pad goes ahead by {ahead} m')
+    return state
 
 
 def shifted(state, its_rest, rest):

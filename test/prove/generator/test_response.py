@@ -7,7 +7,8 @@ import pytest
 from arm_brachy.prove.generator.body import COARSE
 from arm_brachy.prove.generator.convergence import solve
 from arm_brachy.prove.generator.probe import locate
-from arm_brachy.prove.generator.response import outputs
+from arm_brachy.prove.generator.response import outputs, smooth
+from arm_brachy.prove.generator.solver import NotSolved, State
 
 
 @pytest.fixture(scope='module')
@@ -46,3 +47,13 @@ def test_solvers_agree_and_more_so_on_finer_meshes(body):
     # Of a push of 1.4 mm: the markers within 1 % of that, the force within 2 %.
     assert apart[1][0] < 1.5e-5 and apart[1][1] < 0.02
     assert apart[1][0] < apart[0][0]
+
+
+def test_tissue_that_jumps_ahead_of_its_pad_is_no_state_to_go_between():
+    before = State(np.array([1e-3, 0.0]), np.full((3, 3), 1e-4), np.zeros(1))
+    near = State(np.array([2e-3, 0.0]), before.u + [1e-3, 0.0, 0.0], np.zeros(1))
+    assert smooth(before, near) is near
+    off = near.u.copy()
+    off[1, 1] += 1e-3
+    with pytest.raises(NotSolved, match='jumps by 0.0014'):
+        smooth(before, replace(near, u=off))
