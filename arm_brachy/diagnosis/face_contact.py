@@ -19,7 +19,6 @@ from scipy.linalg import inv, solve
 
 ITERATIONS, MINIMISING, HALVINGS, LAGS = 25, 100, 10, 6
 KEPT = 8            # blocks of the compliance, and inverses
-CLOSE = 1e-8        # m, of the last Newton step; a point sticks within micrometres
 
 
 @dataclass(frozen=True)
@@ -42,10 +41,13 @@ class Touching:
 
 
 class FaceContact:
-    """Faces above k nodes of compliance C (3k, 3k) [m/N], symmetric."""
+    """Faces above k nodes of compliance C (3k, 3k) [m/N], symmetric.
 
-    def __init__(self, faces, compliance):
-        self.faces, self._C = tuple(faces), compliance
+    close : [m] largest of the last Newton step; a point sticks within micrometres
+    """
+
+    def __init__(self, faces, compliance, close=1e-8):
+        self.faces, self._C, self._close = tuple(faces), compliance, close
         self._blocks, self._inverses = {}, {}   # of C, by their nodes, which are often the same
 
     def start(self, y0, ways):
@@ -85,7 +87,7 @@ class FaceContact:
         points = now.points
         for _ in range(MINIMISING if lagged else ITERATIONS):
             dy, dp = self._newton(now, lagged)
-            if np.abs(dy).max() <= CLOSE:
+            if np.abs(dy).max() <= self._close:
                 return now
             for length in 0.5 ** np.arange(HALVINGS):
                 ahead = self._look(now.y + length * dy, now.p + length * dp, now.ways, points,

@@ -36,6 +36,8 @@ STEP = 2e-3         # m that pads or tissue move at most before contact is found
                     # effect off what 1 mm gives
 CORNER = 0.02       # of the largest travel, that a path may be off between its corners
 NEAR = 1.5e-3       # m that loose pads may be from where C is known, for the numbers of a fit
+CLOSE, ROUGH = 1e-8, 1e-6   # m, of contact's last Newton step: for the numbers of a fit; to find
+                    # out what slips, which it changes by 0.7 % of the effect
 ACCURACY = 0.08     # error over effect, one standard deviation: own choice, positions at 9 mm
 BISECTIONS = 6      # of a step in which no balance is found
 
@@ -56,6 +58,7 @@ class Loosened:
         self._solver, self._statics = contact.solver, contact.solver.statics
         self.nodes, self._faces = _faces(contact)
         self._known = {}
+        self._close = CLOSE if np.isfinite(near) else ROUGH
         self._place = self._places(near)
 
     def contact(self, i):
@@ -102,7 +105,7 @@ class Loosened:
         moves = _rows(np.flatnonzero(~np.isin(self.nodes, self._statics.free.held)))
         compliance = np.zeros((3 * len(self.nodes), 3 * len(self.nodes)))
         compliance[np.ix_(moves, moves)] = linear.compliance(_rows(self.nodes)[moves])
-        self._known[i] = linear, FaceContact(self._faces, compliance)
+        self._known[i] = linear, FaceContact(self._faces, compliance, self._close)
         return True
 
 
