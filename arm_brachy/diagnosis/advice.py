@@ -29,17 +29,16 @@ def passes(term):
 
 
 def advice(pairs):
-    """One sentence on pairs (a, b) of explanations, 'a + b' if of several terms."""
+    """Sentences on pairs (a, b) of explanations, 'a + b' if of several terms."""
     remedies = {_remedy(a.split(' + '), b.split(' + ')) for a, b in pairs} - {''}
     if remedies:
         line = listed(sorted(remedies))
         return f'{line[0].upper()}{line[1:]}.'
     names = dict.fromkeys(t for pair in pairs for name in pair for t in name.split(' + '))
-    known = [f'{spoken(t)} where {by_name(t).spec.invisible_when}' for t in names
-             if by_name(t).spec.invisible_when]
     told = listed([f'{spoken(a)} and {spoken(b)}' for a, b in pairs])
-    why = f'; not to be seen are {", nor ".join(known)}' if known else ''
-    return f'No push of these pads is expected to tell {told} apart{why}.'
+    return ' '.join([f'No push of these pads is expected to tell {told} apart.', *(
+        f'What hides {spoken(t)}: {by_name(t).spec.invisible_when}.' for t in names
+        if by_name(t).spec.invisible_when)])
 
 
 def _remedy(one, other):
