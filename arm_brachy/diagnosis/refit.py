@@ -55,7 +55,7 @@ class Options:
     tolerance: float = quantity(0.02, '', 'descent of the cost not worth a step', low=1e-8,
                                 high=1.0, source='own choice: a fifth of the standard deviation '
                                                  'of the posterior')
-    runs: int = 40      # forward runs of each recording, differences included
+    runs: int = 60      # forward runs of each recording, differences included
 
 
 @dataclass(frozen=True)
