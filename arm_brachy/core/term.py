@@ -41,6 +41,7 @@ class TermSpec:
     equation : plain text, symbols as in `symbols` of the docstring
     source : book, paper or data sheet with equation or page number
     invisible_when : from which recordings it cannot be seen, in one line ('' = none known)
+    load_cases : different pushes without which a load would do as well (theorem T6 of the tests)
     timed : True for a body term whose memory is but the clock: what it does in a step follows from
         the time at its end, not from what was before
     """
@@ -52,6 +53,7 @@ class TermSpec:
     equation: str
     source: str
     invisible_when: str = ''
+    load_cases: int = 1
     timed: bool = False
 
 

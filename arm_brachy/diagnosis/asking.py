@@ -11,12 +11,19 @@ from arm_brachy.diagnosis.statements import NextExperiment
 from arm_brachy.diagnosis.stream import ENCODER
 from arm_brachy.diagnosis.tolerances import joined, tolerances
 
+OTHER_PUSH = ('Push with another pad as well: what a lump does follows the strain about it, what '
+              'a load does that came with this push does not.')
+
 
 def asked(assembly, decision, ensemble, calibration=None):
     """statements.NextExperiment that tells the causes of a class apart; None where there is none.
 
+    What may be a load that comes with a push is asked for another push.
+
     ensemble : mesh_errors.Ensemble;  calibration : finding.Calibration
     """
+    if decision.unproven is not None:
+        return NextExperiment(instruction=OTHER_PUSH)
     if not decision.equals:
         return None
     open_ = (decision.accepted, *decision.equals)

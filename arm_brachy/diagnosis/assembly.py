@@ -8,6 +8,8 @@ from scipy.linalg import block_diag
 from arm_brachy.diagnosis.decide import Explanation, Problem
 from arm_brachy.diagnosis.motion import TOUCH
 
+PART = 0.2
+
 
 @dataclass(frozen=True)
 class Assembly:
@@ -43,11 +45,24 @@ def assemble(matched, tried, sound=0):
     columns = (acts[:, None] * np.vstack([m.observables.whiten(r.per_prior())
                                           for m, r in zip(matched, responses, strict=True)])
                for responses in tried.responses)
-    explanations = tuple(Explanation(one.name, label(one), part)
+    explanations = tuple(Explanation(one.name, label(one), part,
+                                     load_cases=one.cls.spec.load_cases)
                          for one, part in zip(tried.hypotheses, columns, strict=True))
     problem = Problem(np.concatenate([m.r for m in matched]), U,
-                      np.concatenate([m.kinds for m in matched]), tests, explanations)
+                      np.concatenate([m.kinds for m in matched]), tests, explanations,
+                      load_cases(matched))
     return Assembly(matched, tried, problem, labels, names, sound)
+
+
+def load_cases(matched):
+    """Number of different sets of pads that were pushed together in Matched recordings.
+
+    A push goes PART as deep as the deepest of all, a pad in it as the deepest at the time.
+    """
+    q = np.abs(np.vstack([m.recorded.states.q for m in matched]))
+    depth = q.max(axis=1, initial=0.0)
+    pushed = depth > PART * depth.max(initial=0.0)
+    return len(np.unique(q[pushed] > PART * depth[pushed, None], axis=0))
 
 
 def label(hypothesis):

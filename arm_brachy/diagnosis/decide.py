@@ -54,12 +54,14 @@ class Explanation:
     cause : term of the registry;  variant : which actuator, marker or place ('' = it has none)
     columns : (n, p) change of r per prior standard deviation of each parameter
     log_prior : of the cause before the data, natural logarithm
+    load_cases : different pushes that it takes to tell it from a load
     """
 
     cause: str
     variant: str
     columns: np.ndarray
     log_prior: float = 0.0
+    load_cases: int = 1
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class Problem:
     r : (n,) residual over noise;  U : (n, k) nuisances and mesh, in prior standard deviations
     kinds : (n,) kind of experiment of every row, whole kinds are held out
     tests : (n, m) columns of structured tests (`adequacy.per_channel`)
-    explanations : tuple of Explanation
+    explanations : tuple of Explanation;  load_cases : number of different pushes
     """
 
     r: np.ndarray
@@ -77,6 +79,7 @@ class Problem:
     kinds: np.ndarray
     tests: np.ndarray
     explanations: tuple
+    load_cases: int = 2
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,7 @@ class Decision:
     equals : Candidates that these data cannot tell from it
     ranked : all single causes, best first
     left : adequacy.Scan with the accepted cause, or without any;  before : Scan without any
+    unproven : Candidate that explains all, as a load does that is none of the causes
     """
 
     verdict: VERDICTS
@@ -117,6 +121,7 @@ class Decision:
     ranked: tuple
     left: object
     before: object
+    unproven: Candidate | None = None
 
 
 class _Gram:
@@ -185,6 +190,8 @@ class Judge:
         if not tried or left.chance < self.rules.alarm:
             return Decision('unexplained', None, (), ranked, left, before)
         equals = self._equals(tried[0], ranked)
+        if not equals and self._may_be_load(tried[0]):
+            return Decision('unexplained', None, (), ranked, before, before, tried[0])
         return Decision('equivalent' if equals else 'named', tried[0], equals, ranked, left,
                         before)
 
@@ -198,6 +205,9 @@ class Judge:
         if evidence >= self.rules.certain and held_out >= 0.0:
             return True
         return evidence >= self.rules.evidence and held_out >= self.rules.held_out
+
+    def _may_be_load(self, candidate):
+        return any(e.load_cases > self.problem.load_cases for e in candidate.explanations)
 
     def singles(self):
         """The best Candidate of every cause, by evidence averaged over its variants."""

@@ -34,6 +34,7 @@ from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.statements import Recording
 from arm_brachy.diagnosis.states import LIMIT
 from arm_brachy.diagnosis.traces import traces
+from arm_brachy.diagnosis.wording import spoken
 from arm_brachy.registry import by_name
 
 FEWEST = 12         # states of a recording that are worth comparing
@@ -154,7 +155,12 @@ def _answer(judgement, found, looked, tests, provenance, ratio, left_out, reques
     causes, where, when = with_findings(found, scene, causes, where, when, decision)
     left = conclude.left_over(assembly, explanations)
     causes += [] if fault is None else [fault.cause()]
-    if decision.verdict == 'unexplained' and fault is None:
+    if decision.unproven is not None:
+        where += [replace(one, term='') for one in conclude.places_of(
+            judgement.fits.of(decision.unproven), scene)]
+        when += [replace(one, term='') for one in conclude.times_of(assembly, decision.unproven)]
+        notes.append(_would_do(decision.unproven))
+    elif decision.verdict == 'unexplained' and fault is None:
         places, times = conclude.unexplained(assembly, decision.before.worst, left)
         where, when = [*places, *where], [*times, *when]
     verdict = _verdict(decision.verdict, causes, fault, found.nameless)
@@ -189,6 +195,12 @@ def _verdict(verdict, causes, fault, nameless):
     if causes:
         return 'named'
     return 'unexplained' if nameless else verdict
+
+
+def _would_do(candidate):
+    return (f'An effect like {" with ".join(map(spoken, candidate.causes))} would explain it; but '
+            'these recordings push in one way only, and a load that comes with the push would '
+            'explain it as well.')
 
 
 def _options(decision):

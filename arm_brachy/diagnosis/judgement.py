@@ -49,7 +49,8 @@ def judged(matched, tests, tried, sound, seed, accuracy=None):
         if not fault.material:
             fault, notes = None, (fault.note,)
     decision = one.decide()
-    factors = louder(assembly, decision) if decision.verdict == 'unexplained' else {}
+    strange = decision.verdict == 'unexplained' and decision.unproven is None
+    factors = louder(assembly, decision) if strange else {}
     if factors:
         for every in (*matched, *tests):
             every.louder(factors)

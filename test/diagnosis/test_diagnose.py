@@ -37,11 +37,15 @@ def scene():
     return replace(coarse, element='linear')
 
 
-def pushes():
-    """Path at 20 Hz: pads 1 to 3 to 5 mm, pad 1 to 8, pads 1 and 2 together; stands between."""
+# Pads 1 to 3 to 5 mm, pad 1 to 8, pads 1 and 2 together, each with its speed [mm/s].
+PUSHES = (((5, 0, 0, 0), 20), ((0, 5, 0, 0), 20), ((0, 0, 5, 0), 20), ((5, 0, 0, 0), 4),
+          ((8, 0, 0, 0), 20), ((5, 5, 0, 0), 20))
+
+
+def path_of(legs_mm):
+    """Path at 20 Hz that goes each leg and back, stands between."""
     legs, q, t = [], np.zeros(4), 2.0
-    for targets, speed in (((5, 0, 0, 0), 20), ((0, 5, 0, 0), 20), ((0, 0, 5, 0), 20),
-                           ((5, 0, 0, 0), 4), ((8, 0, 0, 0), 20), ((5, 5, 0, 0), 20)):
+    for targets, speed in legs_mm:
         for goal in (1e-3 * np.array(targets, dtype=float), np.zeros(4)):
             way = np.abs(goal - q).max() / (1e-3 * speed)
             legs += [(t, q), (t + way, goal)]
@@ -55,7 +59,7 @@ def pushes():
 @pytest.fixture(scope='module')
 def record(scene):
     """(entries of terms, seed) -> Evidence of the pushes under white noise."""
-    specimen, path = specimen_of(scene), pushes()
+    specimen = specimen_of(scene)
     rest = {OPTICAL: specimen.rest[:len(specimen.markers)],
             EM: specimen.rest[len(specimen.markers):], FORCE: np.zeros((4, 3)),
             ENCODER: np.zeros((4, 1))}
@@ -64,8 +68,8 @@ def record(scene):
     bodies = {OPTICAL: specimen.carriers, EM: (TISSUE,) * len(specimen.tools),
               FORCE: specimen.pads, ENCODER: specimen.pads}
 
-    def one(entries=(), seed=1, name='made up'):
-        rng = np.random.default_rng(seed)
+    def one(entries=(), seed=1, name='made up', legs=PUSHES):
+        rng, path = np.random.default_rng(seed), path_of(legs)
         found = ForwardModel(specimen, parse_terms(entries, 'test')).predict(path, path.t)
         assert found.valid.all()
         streams = {}
@@ -125,3 +129,16 @@ def test_what_a_sound_recording_shows_as_well_is_no_fault(record):
                  null=(record((PLAY,), seed=4, name='sound'),)).diagnosis
     assert d.verdict == 'nothing_missing'
     assert [r.role for r in d.provenance.recordings][-1] == 'null'
+
+
+def test_a_lump_that_one_push_shows_is_a_place_and_no_cause(record, tmp_path):
+    """T6: a load that comes with the push would do as well."""
+    lump = {'name': 'inclusion', 'centre_mm': (20.0, 10.0, 30.0), 'radius_mm': 12.0, 'ratio': 5.0}
+    one_way = tuple(((depth, 0, 0, 0), 20) for depth in (3, 6, 8))
+    found = diagnose((record([lump], legs=one_way),), source(), meshes=MESHES)
+    d = found.diagnosis
+    assert d.verdict == 'unexplained' and not d.causes
+    assert np.linalg.norm(np.subtract(d.where[0].position, (20e-3, 10e-3, 30e-3))) < 15e-3
+    assert 'like inclusion would explain it' in ' '.join(d.notes)
+    assert 'another pad' in d.next_experiment.instruction
+    write_diagnosis(d, found.shown, tmp_path / 'page.html')

@@ -44,8 +44,9 @@ class Inclusion(BodyTerm):
                  'phi_e = |element e within the sphere| / |element e|',
         source='Eshelby 1957, Proc R Soc A 241:376 (far field ~ volume x contrast / (1 + beta '
                'contrast)); Reuss average in cut elements: Hill 1963, J Mech Phys Solids 11:357',
-        invisible_when='the tissue around it is not strained; radius and ratio only through '
-                       'volume x (ratio - 1) / (3 + 2 ratio) when it is small')
+        invisible_when='the tissue around it is not strained; one push alone does not tell it '
+                       'from a load; radius and ratio only through '
+                       'volume x (ratio - 1) / (3 + 2 ratio) when it is small', load_cases=2)
 
     def prepare(self, body):
         """Return `body` with the moduli of the elements that the sphere meets scaled."""
