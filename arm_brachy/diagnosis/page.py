@@ -94,7 +94,7 @@ def write_diagnosis(d, shown, out_html):
 
 def _detail(d):
     """Second sentence: how much of what was found, or what would decide it."""
-    if d.verdict == 'equivalent' and d.next_experiment is not None:
+    if d.next_experiment is not None:
         return f'To decide it: {words.request(d.next_experiment)}'
     found = [(cause, cause.shown()) for cause in d.causes]
     return _typeset(' '.join(

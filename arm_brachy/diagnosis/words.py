@@ -60,7 +60,8 @@ def _equivalent(d):
 
 
 def _unexplained(d):
-    line = 'Something is missing that no term of the catalogue explains'
+    line = 'Something is missing that ' + ('these recordings cannot name' if d.next_experiment
+                                           else 'no term of the catalogue explains')
     if d.where:
         line += f', most clearly {place(_unnamed(d.where))}'
     if d.when:

@@ -141,4 +141,5 @@ def test_a_lump_that_one_push_shows_is_a_place_and_no_cause(record, tmp_path):
     assert np.linalg.norm(np.subtract(d.where[0].position, (20e-3, 10e-3, 30e-3))) < 15e-3
     assert 'like inclusion would explain it' in ' '.join(d.notes)
     assert 'another pad' in d.next_experiment.instruction
-    write_diagnosis(d, found.shown, tmp_path / 'page.html')
+    page = write_diagnosis(d, found.shown, tmp_path / 'page.html').read_text()
+    assert 'these recordings cannot name' in page and 'To decide it: Push with another' in page
