@@ -191,7 +191,7 @@ class Judge:
             return Decision('unexplained', None, (), ranked, left, before)
         equals = self._equals(tried[0], ranked)
         if not equals and self._may_be_load(tried[0]):
-            return Decision('unexplained', None, (), ranked, before, before, tried[0])
+            return Decision('unexplained', None, (), ranked, left, before, tried[0])
         return Decision('equivalent' if equals else 'named', tried[0], equals, ranked, left,
                         before)
 

@@ -4,6 +4,7 @@ Sentences carry the numbers and nothing that the numbers do not.
 """
 
 from arm_brachy.core.quantity import UNITS
+from arm_brachy.diagnosis.decide import Rules
 from arm_brachy.diagnosis.statements import edge_unit
 from arm_brachy.diagnosis.wording import figures, listed, percent, share, spoken
 
@@ -60,7 +61,9 @@ def _equivalent(d):
 
 
 def _unexplained(d):
-    line = 'Something is missing that ' + ('these recordings cannot name' if d.next_experiment
+    # Nothing is left, and another recording was asked for: more than one thing would explain it.
+    open_ = d.next_experiment is not None and (d.chance or 0.0) >= Rules().alarm
+    line = 'Something is missing that ' + ('these recordings cannot name' if open_
                                            else 'no term of the catalogue explains')
     if d.where:
         line += f', most clearly {place(_unnamed(d.where))}'
