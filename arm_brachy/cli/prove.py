@@ -12,6 +12,7 @@ from arm_brachy.prove import oracle, recovery, rivals, totals, trial
 from arm_brachy.prove.answering import ABSOLUTE, LIMIT, NULL
 from arm_brachy.prove.folder import TrialFolder
 from arm_brachy.prove.report import report
+from arm_brachy.prove.workers import Workers
 
 SOURCE, SIGNALS = 'arm_brachy.prove.source', 'arm_brachy.prove.signals'
 MODES = {'absolute': (ABSOLUTE,), 'null': (NULL,), 'both': (ABSOLUTE, NULL)}
@@ -27,6 +28,9 @@ MODES = {'absolute': (ABSOLUTE,), 'null': (NULL,), 'both': (ABSOLUTE, NULL)}
               help='With a recording of the same set-up in which nothing is wrong, or without.')
 @click.option('--workers', type=click.IntRange(1), metavar='N',
               help='Processes at a time. Default: one a core.')
+@click.option('--cluster', default='', metavar='ADDRESS',
+              help='Dask scheduler, e.g. tcp://host:8786, whose workers do the work instead; they '
+                   'must see the same files and have one thread each.')
 @click.option('--limit-s', default=LIMIT, show_default=True, type=click.FloatRange(1.0),
               help='Time for one answer; what takes longer is wrong.')
 @click.option('--baselines', is_flag=True,
@@ -34,7 +38,7 @@ MODES = {'absolute': (ABSOLUTE,), 'null': (NULL,), 'both': (ABSOLUTE, NULL)}
 @click.option('--out', type=click.Path(file_okay=False), metavar='FOLDER',
               help='Goes on where the trial in it was ended. Default: runs/prove.')
 @json_option
-def prove(cases, beacon, mode, workers, limit_s, baselines, out, json_file):
+def prove(cases, beacon, mode, workers, cluster, limit_s, baselines, out, json_file):
     """Put the diagnosis to a sealed blind trial and score it.
 
     A generator that shares nothing with the diagnosis makes recordings with an effect concealed
@@ -45,7 +49,7 @@ def prove(cases, beacon, mode, workers, limit_s, baselines, out, json_file):
     Example:
       arm-brachy prove --cases 60 --out runs/prove
     """
-    workers = workers or len(os.sched_getaffinity(0))
+    workers = Workers(workers or len(os.sched_getaffinity(0)), cluster)
     setup = trial.Setup(cases, MODES[mode], beacon, workers, limit_s)
     folder = TrialFolder(Path(out or run_dir() / 'prove').resolve())
     with Progress(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),

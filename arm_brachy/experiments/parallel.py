@@ -16,3 +16,9 @@ def process_pool(jobs):
     # spawn: a fork would copy the threads' locks of numba and MKL but not the threads
     return ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'),
                                numba.set_num_threads, (1,))
+
+
+def on_one_thread(work, *task):
+    """Return work(*task), numba on one thread, in a process that `process_pool` did not start."""
+    numba.set_num_threads(1)    # of the thread that calls
+    return work(*task)

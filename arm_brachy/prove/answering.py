@@ -3,7 +3,6 @@
 import json
 import shutil
 import sys
-from concurrent.futures import ThreadPoolExecutor, as_completed
 
 from arm_brachy.prove import sandbox
 from arm_brachy.prove.folder import read_json, write_json
@@ -17,20 +16,15 @@ def answer_all(folder, jobs, detector, workers, limit, progress):
     """Answer every (mode, case) of `jobs` that has no answer yet; progress(done, of).
 
     folder : TrialFolder;  detector : words of a command that takes what `arm-brachy diagnose`
-    does;  limit : [s] for each
+    does;  workers : Workers;  limit : [s] for each
     """
     lacking = [job for job in jobs if not folder.answer(*job).is_file()]
     done = len(jobs) - len(lacking)
     progress(done, len(jobs))
-    pool = ThreadPoolExecutor(workers)
-    try:
-        waiting = [pool.submit(answer_one, folder, *job, detector, limit) for job in lacking]
-        for future in as_completed(waiting):
-            future.result()
-            done += 1
-            progress(done, len(jobs))
-    finally:
-        pool.shutdown(cancel_futures=True)
+    for _ in workers.each(answer_one, [(folder, *job, detector, limit) for job in lacking],
+                          waits=True):
+        done += 1
+        progress(done, len(jobs))
 
 
 def answer_one(folder, mode, case, detector, limit):

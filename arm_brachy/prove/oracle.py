@@ -13,7 +13,6 @@ from importlib import import_module
 
 import numpy as np
 
-from arm_brachy.experiments.parallel import process_pool
 from arm_brachy.prove.folder import read_json, write_json
 from arm_brachy.prove.plan import CONFOUNDED, NULL
 
@@ -60,7 +59,8 @@ def seen(effect, nuisances, rivals):
 def analyse_all(folder, jobs, modes, source, workers, progress):
     """Columns of `seen` for every case that has something to see: case -> mode -> dict; kept.
 
-    folder : TrialFolder;  source : name of a module as `prove.signals`;  progress(stage, done, of)
+    folder : TrialFolder;  source : name of a module as `prove.signals`;  workers : Workers
+    progress(stage, done, of)
     """
     held = read_json(folder / 'oracle.json')
     if held is not None:
@@ -71,12 +71,10 @@ def analyse_all(folder, jobs, modes, source, workers, progress):
             bodies.setdefault(job.body, []).append(job)
     found = {}
     progress('oracle', 0, len(bodies))
-    with process_pool(max(min(workers, len(bodies)), 1)) as pool:
-        waiting = [pool.submit(analyse, source, some, modes, folder / 'cache')
-                   for some in bodies.values()]
-        for done, future in enumerate(waiting, start=1):
-            found.update(future.result())
-            progress('oracle', done, len(bodies))
+    tasks = [(source, some, modes, folder / 'cache') for some in bodies.values()]
+    for done, one in enumerate(workers.each(analyse, tasks), start=1):
+        found.update(one)
+        progress('oracle', done, len(bodies))
     write_json(folder / 'oracle.json', found)
     return found
 

@@ -20,7 +20,6 @@ from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.stream import FORCE
 from arm_brachy.diagnosis.transmission import Path as Travel
 from arm_brachy.experiments.diagnosis_score import MESH
-from arm_brachy.experiments.parallel import process_pool
 from arm_brachy.prove.folder import read_json, write_json
 from arm_brachy.registry import by_name, parse_terms
 
@@ -33,6 +32,7 @@ def recover_all(folder, key, truths, records, workers, progress):
     """'mode/case' -> columns of `recover`, for answers to what can be gained from; kept in a file.
 
     folder : TrialFolder;  key : of the sealed folders;  truths, records : as `trial.run`
+    workers : Workers
     """
     found = read_json(folder / 'recovery.json') or {}
     tasks = {f'{mode}/{case}': (folder.given(case), folder.sealed(key, case) / 'heldout.npz',
@@ -40,14 +40,11 @@ def recover_all(folder, key, truths, records, workers, progress):
              for (mode, case), record in records.items() if f'{mode}/{case}' not in found
              and record['answer'] is not None and _moves(truths[case])}
     progress('held-out recovery', 0, len(tasks))
-    if not tasks:
-        return found
-    with process_pool(min(workers, len(tasks))) as pool:
-        waiting = {name: pool.submit(recover, *task) for name, task in tasks.items()}
-        for done, (name, future) in enumerate(waiting.items(), start=1):
-            found[name] = future.result()
-            write_json(folder / 'recovery.json', found)
-            progress('held-out recovery', done, len(tasks))
+    for done, (name, one) in enumerate(
+            zip(tasks, workers.each(recover, tasks.values()), strict=True), start=1):
+        found[name] = one
+        write_json(folder / 'recovery.json', found)
+        progress('held-out recovery', done, len(tasks))
     return found
 
 

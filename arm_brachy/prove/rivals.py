@@ -19,7 +19,6 @@ from arm_brachy.diagnosis.modulus import modulus_ratio, scaled
 from arm_brachy.diagnosis.observables import channels_of
 from arm_brachy.diagnosis.recorded import look
 from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.experiments.parallel import process_pool
 from arm_brachy.prove import recovery
 from arm_brachy.prove.baselines import answers, gaussian_process
 from arm_brachy.prove.folder import read_json, write_json
@@ -33,20 +32,19 @@ SEED = 0    # of the meshes, as the detector's
 def answer_all(folder, key, truths, workers, progress):
     """Case -> columns of `answer`; kept in a file.
 
-    folder : TrialFolder;  key : of the sealed folders;  progress(stage, done, of)
+    folder : TrialFolder;  key : of the sealed folders;  workers : Workers
+    progress(stage, done, of)
     """
     held = read_json(folder / 'baselines.json') or {}
     lacking = [case for case in truths if case not in held]
     progress('baselines', 0, len(lacking))
-    if not lacking:
-        return held
-    with process_pool(min(workers, len(lacking))) as pool:
-        waiting = {case: pool.submit(answer, folder.given(case), folder.sealed(key, case) /
-                                     'heldout.npz', truths[case]) for case in lacking}
-        for done, (case, future) in enumerate(waiting.items(), start=1):
-            held[case] = future.result()
-            write_json(folder / 'baselines.json', held)
-            progress('baselines', done, len(lacking))
+    tasks = [(folder.given(case), folder.sealed(key, case) / 'heldout.npz', truths[case])
+             for case in lacking]
+    for done, (case, one) in enumerate(zip(lacking, workers.each(answer, tasks), strict=True),
+                                       start=1):
+        held[case] = one
+        write_json(folder / 'baselines.json', held)
+        progress('baselines', done, len(lacking))
     return held
 
 

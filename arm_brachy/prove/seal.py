@@ -11,6 +11,8 @@ import hmac
 import json
 from pathlib import Path
 
+import arm_brachy
+
 LEAF, NODE = b'\x00', b'\x01'
 
 
@@ -60,6 +62,11 @@ def holds(salt, value, path, top):
     for side, other in path:
         found = _node(other, found) if side == 'left' else _node(found, other)
     return hmac.compare_digest(found, top)
+
+
+def program():
+    """`program_hash` of the arm_brachy that runs."""
+    return program_hash(Path(arm_brachy.__file__).parent)
 
 
 def program_hash(folder):

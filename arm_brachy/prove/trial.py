@@ -11,15 +11,14 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
-import arm_brachy
 from arm_brachy.core.errors import ArmBrachyError, InputError
 from arm_brachy.core.paths import share_dir
 from arm_brachy.evaluation.result import commit_of, machine_description
-from arm_brachy.experiments.parallel import process_pool
 from arm_brachy.prove import plan, seal
 from arm_brachy.prove.answering import ABSOLUTE, DIAGNOSE, LIMIT, NULL, answer_all
 from arm_brachy.prove.folder import TrialFolder, read_json, write_json
 from arm_brachy.prove.making import make_case, prepare_body
+from arm_brachy.prove.workers import Workers
 
 MODES = (ABSOLUTE, NULL)
 UNSALTED = ''       # answers are published with their hashes, and hide nothing
@@ -30,14 +29,14 @@ class Setup:
     """What is asked for: what a folder was begun with it goes on with.
 
     modes : of MODES;  beacon : public text, '' = 32 fresh random bytes
-    workers : processes at a time;  limit : [s] an answer
+    workers : Workers;  limit : [s] an answer
     detector : words of a command that takes what `arm-brachy diagnose` does
     """
 
     cases: int = 60
     modes: tuple = MODES
     beacon: str = ''
-    workers: int = 2
+    workers: Workers = Workers(2)
     limit: float = LIMIT
     detector: tuple = DIAGNOSE
 
@@ -72,7 +71,7 @@ def begin(setup, folder):
              'limit_s': setup.limit}
     begun = read_json(folder / 'secret.json')
     if begun is None:
-        begun = {**asked, 'commit': commit_of(share_dir()), 'program': _program(),
+        begun = {**asked, 'commit': commit_of(share_dir()), 'program': seal.program(),
                  'machine': machine_description(),
                  'beacon': setup.beacon or secrets.token_hex(32), 'key': secrets.token_hex(32)}
         write_json(folder / 'secret.json', begun)
@@ -91,32 +90,28 @@ def make_all(folder, begun, jobs, setup, source, progress):
     """
     if read_json(folder / 'published.json'):
         return
-    if begun['program'] != _program():
+    if begun['program'] != seal.program():
         raise InputError(f'{folder.path}: the program was changed since this trial was begun and '
                          'before its cases were made; begin another one with --out')
     key, one_a_body = begun['key'], {job.body: job for job in jobs}
     (folder / 'cache').mkdir(exist_ok=True)
-    attempts = _all_done(setup, 'bodies', prepare_body,
+    attempts = _all_done(setup.workers, 'bodies', prepare_body,
                          [(source, job, folder) for job in one_a_body.values()], progress)
     attempts = dict(zip(one_a_body, attempts, strict=True))
     jobs = [replace(job, body_attempt=attempts[job.body]) for job in jobs]
-    _all_done(setup, 'recordings', make_case,
+    _all_done(setup.workers, 'recordings', make_case,
               [(source, job, folder, folder.sealed(key, job.name), setup.modes) for job in jobs],
               progress)
 
 
-def _all_done(setup, stage, work, tasks, progress):
-    """What work(*task) returns for every task, in processes."""
+def _all_done(workers, stage, work, tasks, progress):
+    """What work(*task) returns for every task."""
     progress(stage, 0, len(tasks))
-    with process_pool(min(setup.workers, len(tasks))) as pool:
-        waiting = [pool.submit(work, *task) for task in tasks]
-        try:
-            for done, future in enumerate(waiting, start=1):
-                future.result()
-                progress(stage, done, len(tasks))
-        finally:
-            pool.shutdown(cancel_futures=True)
-    return [future.result() for future in waiting]
+    found = []
+    for one in workers.each(work, tasks):
+        found.append(one)
+        progress(stage, len(found), len(tasks))
+    return found
 
 
 def publish(folder, begun, jobs):
@@ -136,7 +131,8 @@ def publish_answers(folder, asked):
     records = {one: read_json(folder.answer(*one)) for one in asked}
     leaves = {'/'.join(one): seal.commitment(UNSALTED, record) for one, record in records.items()}
     held = read_json(folder / 'answers.json')
-    found = {'root': seal.root(list(leaves.values())), 'answers': leaves, 'program': _program()}
+    found = {'root': seal.root(list(leaves.values())), 'answers': leaves,
+             'program': seal.program()}
     if held is None:
         write_json(folder / 'answers.json', found)
     elif held['answers'] != leaves:
@@ -188,7 +184,3 @@ def _salt(begun, case):
 
 def _truth(folder, begun, case):
     return read_json(folder.sealed(begun['key'], case) / 'truth.json')
-
-
-def _program():
-    return seal.program_hash(Path(arm_brachy.__file__).parent)

@@ -9,6 +9,7 @@ import pytest
 from arm_brachy.core.errors import ArmBrachyError, InputError
 from arm_brachy.prove import making, plan, seal, trial
 from arm_brachy.prove.folder import TrialFolder, read_json, write_json
+from arm_brachy.prove.workers import Workers
 
 SOURCE = 'made_up_source'
 # Says what the data say; SPOIL is what it does instead where a backlash is planted.
@@ -31,7 +32,7 @@ def detector(spoil='pass'):
     return (sys.executable, '-P', '-c', code)
 
 
-SETUP = trial.Setup(cases=5, modes=('absolute',), beacon='drawn', workers=2, limit=20.0,
+SETUP = trial.Setup(cases=5, modes=('absolute',), beacon='drawn', workers=Workers(2), limit=20.0,
                     detector=detector())
 
 
@@ -109,7 +110,7 @@ def test_a_trial_that_was_interrupted_goes_on_where_it_was(tmp_path):
         if stage == 'answering' and done == 2:
             raise KeyboardInterrupt
     with pytest.raises(KeyboardInterrupt):
-        trial.run(replace(SETUP, workers=1), tmp_path, SOURCE, stop)
+        trial.run(replace(SETUP, workers=Workers(1)), tmp_path, SOURCE, stop)
     held = sorted((tmp_path / 'answers' / 'absolute').glob('*.json'))
     texts = [path.read_text() for path in held]
     assert len(held) in (2, 3)      # the next may have ended before it could be called off
