@@ -8,6 +8,7 @@ from arm_brachy.evaluation.page import number
 from arm_brachy.evaluation.result import Result
 from arm_brachy.evaluation.style import OURS, Plate, new_figure, styled
 from arm_brachy.prove import totals
+from arm_brachy.prove.curves import curves_plate
 from arm_brachy.prove.folder import write_json
 from arm_brachy.prove.outcome import ABSTAINED, FAILED, SILENT
 from arm_brachy.prove.score import first_said, score
@@ -16,10 +17,11 @@ NAME = 'blind-trial'
 NOTHING = '-'       # planted nothing
 OTHERS = 'two or more'
 LAST = (SILENT, ABSTAINED, FAILED)
+PICTURES = {'confusion': 'confusion matrix', 'curves': 'power over size, risk over coverage'}
 
 
 def report(folder, begun, truths, records, extras, *, frozen, baselines=()):
-    """Write result.json, table.md, confusion-MODE.png and index.html; returns the Result.
+    """Write result.json, table.md, confusion- and curves-MODE.png, index.html; returns the Result.
 
     folder : TrialFolder;  begun : as `trial.begin`;  truths, records : as `trial.run`
     extras : (mode, case) -> columns of score.EXTRAS;  frozen : the program stayed the same
@@ -36,6 +38,8 @@ def report(folder, begun, truths, records, extras, *, frozen, baselines=()):
     for mode in begun['modes']:
         cells = confusion(truths, records, mode)
         confusion_plate(cells, mode).save(folder / f'confusion-{mode}.png')
+        curves_plate([row for row in rows if row['mode'] == mode], mode).save(
+            folder / f'curves-{mode}.png')
         write_json(folder / f'confusion-{mode}.json',
                    [{'planted': a, 'said': b, 'count': n} for (a, b), n in cells.items()])
     index_page(folder, rows, begun, frozen)
@@ -140,8 +144,8 @@ def index_page(folder, rows, begun, frozen):
     parts = [HEAD, '<h1>Blind trial</h1>', f'<p>{html.escape(_words(rows, begun, frozen))}</p>']
     table = [line.strip('|').split('|') for line in markdown(rows, begun['modes']).splitlines()]
     parts.append(_table(table[0], [[html.escape(c) for c in line] for line in table[2:]]))
-    parts += [f'<p><img src="confusion-{mode}.png" alt="confusion matrix, {mode}"></p>'
-              for mode in begun['modes']]
+    parts += [f'<p><img src="{name}-{mode}.png" alt="{what}, {mode}"></p>'
+              for mode in begun['modes'] for name, what in PICTURES.items()]
     columns = ('case', 'mode', 'planted', 'size', 'outcome', 'said', 'sd', 'page')
     parts.append(_table(columns, [_line(folder, row) for row in rows]))
     path = folder / 'index.html'

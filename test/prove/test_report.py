@@ -2,8 +2,10 @@
 
 import json
 
+import pytest
 from made_up_answers import answer, cause, effect, record, truth
 
+from arm_brachy.prove.curves import curves_plate
 from arm_brachy.prove.folder import TrialFolder
 from arm_brachy.prove.report import confusion, markdown, report
 from arm_brachy.prove.score import score
@@ -27,7 +29,8 @@ def test_a_finished_trial_leaves_result_table_pictures_and_an_index(tmp_path):
     held = json.loads((tmp_path / 'result.json').read_text())
     assert len([row for row in held['rows'] if 'case' in row]) == 4
     assert held['rows'][0]['recovery'] == 0.7
-    assert (tmp_path / 'confusion-absolute.png').read_bytes()[1:4] == b'PNG'
+    for name in ('confusion', 'curves'):
+        assert (tmp_path / f'{name}-absolute.png').read_bytes()[1:4] == b'PNG'
     index = (tmp_path / 'index.html').read_text()
     assert 'href="pages/absolute/case_000.html"' in index
     assert index.count('<tr>') > 4 + 10
@@ -35,6 +38,19 @@ def test_a_finished_trial_leaves_result_table_pictures_and_an_index(tmp_path):
     met = {goal.name: goal.met for goal in result.targets}
     assert met['absolute: pairs, at least one'] is True
     assert met['absolute: held-out recovery, median'] is False
+
+
+def test_the_curves_show_shares_over_size_and_wrong_claims_over_all():
+    rows = [{'kind': 'single', 'size': size, 'outcome': outcome, 'top_1': outcome == 'right',
+             'wrong': outcome == 'wrong', 'confidence': sure}
+            for size, outcome, sure in ((0.3, 'silent', 0.5), (0.7, 'wrong', 0.9),
+                                        (0.8, 'right', 0.99), (2.0, 'right', 0.95))]
+    left, right = curves_plate(rows, 'absolute').figure.axes
+    named = left.containers[1].lines[0].get_ydata()
+    assert named.tolist() == [0.0, 50.0, 100.0]
+    line, = right.get_lines()
+    assert line.get_xdata().tolist() == [0.0, 25.0, 50.0, 75.0]
+    assert line.get_ydata().tolist() == [0.0, 0.0, 0.0, pytest.approx(100.0 / 3.0)]
 
 
 def test_a_program_that_changed_is_said(tmp_path):
