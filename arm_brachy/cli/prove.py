@@ -11,7 +11,7 @@ from arm_brachy.core.paths import run_dir
 from arm_brachy.prove import oracle, recovery, rivals, totals, trial
 from arm_brachy.prove.answering import ABSOLUTE, LIMIT, NULL
 from arm_brachy.prove.folder import TrialFolder
-from arm_brachy.prove.report import report
+from arm_brachy.prove.report import in_mode, report
 from arm_brachy.prove.workers import Workers
 
 SOURCE, SIGNALS = 'arm_brachy.prove.source', 'arm_brachy.prove.signals'
@@ -80,7 +80,7 @@ def prove(cases, beacon, mode, workers, cluster, limit_s, baselines, out, json_f
 
 def _show(result, modes, folder):
     for mode in modes:
-        rows = [row for row in result.rows if row.get('mode') == mode]
+        rows = in_mode([row for row in result.rows if 'mode' in row], mode)
         show_table(summary(f'blind trial, mode {mode}', totals.shares(rows)))
     console.print(f'report    {folder / "index.html"}')
     console.print(f'result    {folder / "result.json"}')

@@ -9,6 +9,7 @@ from arm_brachy.prove.folder import read_json, write_json
 
 DIAGNOSE = (sys.executable, '-P', '-c', 'from arm_brachy.cli import main; main()', 'diagnose')
 ABSOLUTE, NULL = 'absolute', 'null'
+SUPPLIED = 'supplied'   # both the recording and the one that would decide, of what none can alone
 LIMIT = 1800.0      # s of the wall clock, for one answer
 
 
@@ -37,12 +38,11 @@ def answer_one(folder, mode, case, detector, limit):
     begun = 1 + (read_json(_counter(folder, mode, case)) or 0)
     write_json(_counter(folder, mode, case), begun)
     shutil.rmtree(work, ignore_errors=True)
-    readable = [given]
-    command = [*detector, str(given / 'bag'), '--scene', str(given / 'scene.yaml'),
-               '--json', 'answer.json', '--out', 'out']
-    if mode == NULL:
-        readable.append(folder.sound(case))
-        command += ['--null', str(folder.sound(case) / 'bag')]
+    beside = {NULL: [folder.sound(case)], SUPPLIED: [folder.supplied(case)]}.get(mode, [])
+    readable, bags = [given, *beside], [str(one / 'bag') for one in (given, *beside)]
+    command = [*detector, *(bags[:1] if mode == NULL else bags), '--scene',
+               str(given / 'scene.yaml'), '--json', 'answer.json', '--out', 'out',
+               *(['--null', *bags[1:]] if mode == NULL else [])]
     (folder / 'compiled').mkdir(exist_ok=True)
     ended = sandbox.run(command, work, readable=readable, writable=[folder / 'compiled'],
                         limit=limit)

@@ -26,6 +26,10 @@ class TrialFolder:
         """Folder of the recording of the same set-up with nothing wrong."""
         return self.path / 'sound' / case
 
+    def supplied(self, case):
+        """Folder of the recording that tells apart what that of a case cannot."""
+        return self.path / 'supplied' / case
+
     def sealed(self, key, what):
         """Folder of what must not be known yet of a case."""
         return self.path / 'sealed' / keyed(key, f'sealed/{what}')[:24]

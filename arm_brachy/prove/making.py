@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.prove.answering import NULL, SUPPLIED
 from arm_brachy.prove.folder import read_json, write_json
 
 WHEN = 946684800    # s since 1970: the date of every file, so that it tells nothing
@@ -34,18 +35,20 @@ def prepare_body(source, job, folder):
 
 
 def make_case(source, job, folder, sealed, modes):
-    """Make the recording of a job, and the sound one where a mode needs it; returns its name.
+    """Make the recording of a job, and what else its modes need; returns its name.
 
-    sealed : folder that receives truth.json and heldout.npz
+    sealed : folder that receives truth.json and heldout.npz;  modes : of answering
     What the generator cannot make is drawn anew, up to ATTEMPTS times; `attempt` of the truth
     counts. Raises ArmBrachyError after that.
     """
     if not folder.given(job.name).is_dir():
         _first_that_can_be_made(source, job, 'attempt', lambda drawn: _record(
-            source, drawn, folder, folder.given(job.name), sound=False, sealed=sealed))
-    if 'null' in modes and not folder.sound(job.name).is_dir():
-        made = replace(job, attempt=read_json(sealed / 'truth.json')['attempt'])
+            source, drawn, folder, folder.given(job.name), sealed=sealed))
+    made = replace(job, attempt=read_json(sealed / 'truth.json')['attempt'])
+    if NULL in modes and not folder.sound(job.name).is_dir():
         _record(source, made, folder, folder.sound(job.name), sound=True)
+    if SUPPLIED in modes and not folder.supplied(job.name).is_dir():
+        _record(source, made, folder, folder.supplied(job.name), again=True)
     return job.name
 
 
@@ -67,11 +70,14 @@ def same_dates(folder):
         os.utime(path, (WHEN, WHEN))
 
 
-def _record(source, job, folder, target, *, sound, sealed=None):
-    """Make one recording beside its place and move it there, its truth being sealed before."""
+def _record(source, job, folder, target, *, sealed=None, **which):
+    """Make one recording beside its place and move it there, its truth being sealed before.
+
+    which : sound or again, of the source's `make`
+    """
     new = _clean(folder / 'cache' / f'new_{job.name}')
     truth = import_module(source).make(
-        job, new, folder / 'cache', folder / 'cache' / f'body_{job.body}', sound=sound)
+        job, new, folder / 'cache', folder / 'cache' / f'body_{job.body}', **which)
     if sealed is not None:
         _seal(truth, job, sealed)
     same_dates(new)

@@ -8,6 +8,7 @@ from arm_brachy.evaluation.page import number
 from arm_brachy.evaluation.result import Result
 from arm_brachy.evaluation.style import OURS, Plate, new_figure, styled
 from arm_brachy.prove import totals
+from arm_brachy.prove.answering import ABSOLUTE, SUPPLIED
 from arm_brachy.prove.curves import curves_plate
 from arm_brachy.prove.folder import write_json
 from arm_brachy.prove.outcome import ABSTAINED, FAILED, SILENT
@@ -27,7 +28,7 @@ def report(folder, begun, truths, records, extras, *, frozen, baselines=()):
     extras : (mode, case) -> columns of score.EXTRAS;  frozen : the program stayed the same
     baselines : rows of `rivals.rows`
     """
-    rows = tuple(score(record, truths[case], extras.get((mode, case)))
+    rows = tuple(score(record, as_asked(truths[case], mode), extras.get((mode, case)))
                  for (mode, case), record in records.items())
     result = Result(NAME, 0, begun['commit'], begun['machine'],
                     (*rows, *_sums(rows, begun['modes']), *baselines),
@@ -38,31 +39,40 @@ def report(folder, begun, truths, records, extras, *, frozen, baselines=()):
     for mode in begun['modes']:
         cells = confusion(truths, records, mode)
         confusion_plate(cells, mode).save(folder / f'confusion-{mode}.png')
-        curves_plate([row for row in rows if row['mode'] == mode], mode).save(
-            folder / f'curves-{mode}.png')
+        curves_plate(in_mode(rows, mode), mode).save(folder / f'curves-{mode}.png')
         write_json(folder / f'confusion-{mode}.json',
                    [{'planted': a, 'said': b, 'count': n} for (a, b), n in cells.items()])
     index_page(folder, rows, begun, frozen)
     return result
 
 
+def as_asked(truth, mode):
+    """The truth of a case as it is judged in a mode of answering."""
+    return {**truth, 'kind': SUPPLIED, 'alike': [], 'withheld': []} if mode == SUPPLIED else truth
+
+
+def in_mode(rows, mode):
+    """The rows of a mode of the trial; what was supplied belongs to the absolute one."""
+    return [row for row in rows if row['mode'] == mode
+            or mode == ABSOLUTE and row['mode'] == SUPPLIED]
+
+
 def _sums(rows, modes):
     for mode in modes:
-        some = [row for row in rows if row['mode'] == mode]
+        some = in_mode(rows, mode)
         for one in (*totals.shares(some), *totals.power(some), *totals.per_term(some),
                     *totals.medians(some), *totals.risk_coverage(some)):
             yield {'over_all': mode, **one}
 
 
 def _targets(rows, modes):
-    return tuple(goal for mode in modes for goal in totals.targets(
-        [row for row in rows if row['mode'] == mode], mode))
+    return tuple(goal for mode in modes for goal in totals.targets(in_mode(rows, mode), mode))
 
 
 def markdown(rows, modes):
     """The lines of the README: every share in every mode, with its 95 % interval (Wilson)."""
-    tables = [totals.shares([row for row in rows if row['mode'] == mode]) for mode in modes]
-    middles = [totals.medians([row for row in rows if row['mode'] == mode]) for mode in modes]
+    tables = [totals.shares(in_mode(rows, mode)) for mode in modes]
+    middles = [totals.medians(in_mode(rows, mode)) for mode in modes]
     lines = ['| over all | ' + ' | '.join(modes) + ' |', '|---' * (len(modes) + 1) + '|']
     lines += [f'| {some[0]["what"]} | ' + ' | '.join(map(_percents, some)) + ' |'
               for some in zip(*tables, strict=True)]

@@ -49,18 +49,20 @@ def prepare(job, body_folder, cache):
     bridge.mesh_body(_plain(known(body)), Path(body_folder) / MESH)
 
 
-def make(job, folder, cache, body_folder, *, sound=False):
+def make(job, folder, cache, body_folder, *, sound=False, again=False):
     """Write bag, scene and mesh of a job into `folder`; returns its truth (arrays in 'heldout').
 
     body_folder : that `prepare` filled;  sound : the same set-up without the effect
+    again : the same once more, and nothing withheld
     Times of the truth are those of the generator, `start_s` before those of the bag.
     """
     case, confounded = case_of(job), job.kind == CONFOUNDED
-    withheld = WITHHELD if confounded else ()
+    withheld = WITHHELD if confounded and not again else ()
+    played = case.without_effect if sound else case.again if again else case
     with TemporaryDirectory(dir=cache) as csv:
-        truth = record(case.without_effect if sound else case, Path(csv), Path(cache))
+        truth = record(played, Path(csv), Path(cache))
         bridge.write_bag(_plain(known(case.body)), csv, Path(folder) / 'bag', withheld=withheld)
-    if not sound:
+    if not (sound or again):
         shutil.copyfile(Path(body_folder) / MESH, Path(folder) / MESH)
         bridge.write_scene(_plain(known(case.body)), MESH, Path(folder) / 'scene.yaml')
     return {**truth, 'withheld': list(withheld), 'alike': list(ALIKE if confounded else ()),

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from arm_brachy.evaluation.result import Target
+from arm_brachy.prove.answering import SUPPLIED
 from arm_brachy.prove.outcome import ABSTAINED, RIGHT, SILENT
 from arm_brachy.prove.plan import CONFOUNDED, NULL, PAIR, SINGLE, STRANGE
 
@@ -55,6 +56,8 @@ def shares(rows):
         ('out of catalogue, in the right place and time', strange, _abstains_rightly),
         ('confounded, class holds it and names a recording', confounded,
          lambda r: r['outcome'] == RIGHT and r['request']),
+        ('confounded, told apart with the recording that decides', of_kind(rows, SUPPLIED),
+         lambda r: r['outcome'] == RIGHT),
         ('right place, of those found', told('place_right'), lambda r: r['place_right']),
         ('right onset (0.5 s), of those found', told('onset_right'), lambda r: r['onset_right']),
         ('parameter within 20 %, of those found', told('parameter_right'),

@@ -15,7 +15,7 @@ from arm_brachy.core.errors import ArmBrachyError, InputError
 from arm_brachy.core.paths import share_dir
 from arm_brachy.evaluation.result import commit_of, machine_description
 from arm_brachy.prove import plan, seal
-from arm_brachy.prove.answering import ABSOLUTE, DIAGNOSE, LIMIT, NULL, answer_all
+from arm_brachy.prove.answering import ABSOLUTE, DIAGNOSE, LIMIT, NULL, SUPPLIED, answer_all
 from arm_brachy.prove.folder import TrialFolder, read_json, write_json
 from arm_brachy.prove.making import make_case, prepare_body
 from arm_brachy.prove.workers import Workers
@@ -55,7 +55,8 @@ def run(setup, folder, source, progress=lambda stage, done, of: None):
                      import_module(source).WISHES)
     make_all(folder, begun, jobs, setup, source, progress)
     publish(folder, begun, jobs)
-    asked = [(mode, job.name) for mode in setup.modes for job in jobs]
+    asked = [(mode, job.name) for mode in (*setup.modes, SUPPLIED) for job in jobs
+             if mode in modes_of(setup, job)]
     answer_all(folder, asked, setup.detector, setup.workers, setup.limit,
                lambda done, of: progress('answering', done, of))
     records = publish_answers(folder, asked)
@@ -63,6 +64,12 @@ def run(setup, folder, source, progress=lambda stage, done, of: None):
     made = tuple(replace(job, **{name: truths[job.name][name] for name in
                                  ('attempt', 'body_attempt')}) for job in jobs)
     return made, truths, records
+
+
+def modes_of(setup, job):
+    """Modes in which a job is answered: what none can decide also with what would decide it."""
+    decided = job.kind == plan.CONFOUNDED and ABSOLUTE in setup.modes
+    return (*setup.modes, SUPPLIED) if decided else setup.modes
 
 
 def begin(setup, folder):
@@ -100,7 +107,8 @@ def make_all(folder, begun, jobs, setup, source, progress):
     attempts = dict(zip(one_a_body, attempts, strict=True))
     jobs = [replace(job, body_attempt=attempts[job.body]) for job in jobs]
     _all_done(setup.workers, 'recordings', make_case,
-              [(source, job, folder, folder.sealed(key, job.name), setup.modes) for job in jobs],
+              [(source, job, folder, folder.sealed(key, job.name),
+                modes_of(setup, job)) for job in jobs],
               progress)
 
 

@@ -24,10 +24,10 @@ def prepare(job, body_folder, cache):
         file.write(f'{job.body}\n')
 
 
-def make(job, folder, cache, body_folder, *, sound=False):
+def make(job, folder, cache, body_folder, *, sound=False, again=False):
     assert (body_folder / 'mesh').is_file()
     with (cache.parent / 'made.txt').open('a') as file:
-        file.write(f'{job.name} {sound}\n')
+        file.write(f'{job.name} {sound} {again}\n')
     if job.name == 'case_001' and job.attempt < 2:
         raise Unmade('no state')
     assert job.body_attempt == (1 if job.body == 0 else 0)

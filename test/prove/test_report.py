@@ -7,7 +7,7 @@ from made_up_answers import answer, cause, effect, record, truth
 
 from arm_brachy.prove.curves import curves_plate
 from arm_brachy.prove.folder import TrialFolder
-from arm_brachy.prove.report import confusion, markdown, report
+from arm_brachy.prove.report import as_asked, confusion, markdown, report
 from arm_brachy.prove.score import score
 
 GAP = effect('backlash', {'width_mm': 0.2})
@@ -61,6 +61,22 @@ def test_a_program_that_changed_is_said(tmp_path):
 def test_the_confusion_matrix_counts_nothing_and_one_effect():
     cells = confusion(TRUTHS, RECORDS, 'absolute')
     assert cells == {('backlash', 'backlash'): 1, ('-', 'silent'): 1, ('backlash', 'failed'): 1}
+
+
+def test_what_is_decided_with_another_recording_is_counted_by_itself():
+    """Named with it: right, though the class that is right without it would not be."""
+    gap = truth(GAP, kind='confounded', alike=('backlash', 'lost_steps'))
+    either = answer('equivalent', cause('backlash', 1, 0.5), cause('lost_steps', 2, 0.5),
+                    next_experiment={'instruction': 'again'})
+    rows = [score(record(given, mode), as_asked(gap, mode)) for mode, given in (
+        ('absolute', either), ('supplied', answer('named', cause('backlash'))),
+        ('supplied', either))]
+    lines = [line.split(' | ') for line in markdown(rows, ['absolute']).splitlines()]
+    shares = {line[0].removeprefix('| '): line[-1].removesuffix(' |') for line in lines}
+    assert shares['confounded, class holds it and names a recording'] == (
+        '1 of 1: 100 % (21 to 100)')
+    assert shares['confounded, told apart with the recording that decides'] == (
+        '1 of 2: 50 % (9 to 91)')
 
 
 def test_the_table_gives_counts_and_intervals():

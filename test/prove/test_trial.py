@@ -21,7 +21,8 @@ causes = [{'term': name, 'option': 0, 'probability': 1.0, 'parameters': {}}
           for name in data['label'] if name != 'strange_thing']
 verdict = 'named' if causes else 'unexplained' if data['label'] else 'nothing_missing'
 answer = {'verdict': verdict, 'causes': causes, 'where': [], 'when': [], 'alternatives': [],
-          'recalibrated': {}, 'next_experiment': None, 'chance_of_what_is_left': None}
+          'recalibrated': {}, 'next_experiment': None, 'chance_of_what_is_left': None,
+          'bags': sys.argv.index('--scene') - 1}
 SPOIL
 pathlib.Path('answer.json').write_text(json.dumps(answer))
 """
@@ -60,6 +61,17 @@ def test_a_case_that_cannot_be_made_is_drawn_again_and_says_so(tmp_path):
     assert len(set(drawn)) == 3
     given = read_json(tmp_path / 'recordings' / 'case_001' / 'bag' / 'data.json')
     assert given['size'] == drawn[2]
+
+
+def test_what_cannot_be_decided_is_asked_again_with_what_decides_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, 'SHARES', {plan.CONFOUNDED: 1})
+    _, truths, records = trial.run(replace(SETUP, cases=1), tmp_path, SOURCE)
+    assert {key: one['answer']['bags'] for key, one in records.items()} == {
+        ('absolute', 'case_000'): 1, ('supplied', 'case_000'): 2}
+    assert truths['case_000']['kind'] == plan.CONFOUNDED
+    assert 'True' in (tmp_path / 'made.txt').read_text().splitlines()[-1]
+    other = trial.run(replace(SETUP, cases=1, modes=('null',)), tmp_path / 'null', SOURCE)[2]
+    assert [mode for mode, _ in other] == ['null']
 
 
 def test_nothing_can_be_made(tmp_path, monkeypatch):

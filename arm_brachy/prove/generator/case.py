@@ -38,6 +38,11 @@ class Case:
         """Same body and set-up, nothing planted, fresh noise."""
         return replace(self, effects=(), noise_seed=self.noise_seed + 1)
 
+    @property
+    def again(self):
+        """The same once more, fresh noise."""
+        return replace(self, noise_seed=self.noise_seed + 2)
+
 
 def draw(rng, kind, body, *, terms=TERMS):
     """Random `Case` on `body`.
