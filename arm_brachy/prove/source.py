@@ -15,6 +15,7 @@ from arm_brachy.prove.generator.body import COARSE, SOLVERS, draw_body
 from arm_brachy.prove.generator.case import TERMS, draw
 from arm_brachy.prove.generator.make import known
 from arm_brachy.prove.generator.make import make as record
+from arm_brachy.prove.generator.response import refuse_apart
 from arm_brachy.prove.generator.solver import NotSolved
 from arm_brachy.prove.generator.strange import STRANGE as FAMILIES
 from arm_brachy.prove.plan import CONFOUNDED, NULL, PAIR, SINGLE, STRANGE
@@ -42,10 +43,13 @@ def case_of(job):
 
 
 def prepare(job, body_folder, cache):
-    """Solve the unplanted body of a job into `cache`, and mesh it for the receiver."""
+    """Solve the unplanted body of a job into `cache`, and mesh it for the receiver.
+
+    Raises Unmade where its two meshes part: then one of them is no truth.
+    """
     body = body_of(job)
-    for options in (SOLVERS[body.solver], COARSE):
-        body.response(options, Path(cache))
+    refuse_apart(*(body.response(options, Path(cache))
+                   for options in (SOLVERS[body.solver], COARSE)))
     bridge.mesh_body(_plain(known(body)), Path(body_folder) / MESH)
 
 

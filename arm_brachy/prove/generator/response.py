@@ -9,6 +9,8 @@ from arm_brachy.prove.generator.solver import NotSolved, State
 
 LEVELS = (0.0, 1 / 3, 2 / 3, 1.0)
 PAIR_LEVEL = 2
+PART = 0.08     # of a pad's travel, that two meshes may differ by at a point: beside rims 0.05, and
+                # 0.13 where a fine mesh gave way at one place of its surface
 FOLLOWS = 1.2   # times as far as a pad that goes ahead, tissue moves at most, unless it creases
 
 
@@ -93,6 +95,19 @@ def smooth(before, state):
     if far > FOLLOWS * ahead:
         raise NotSolved(f'tissue jumps by {far} m as a pad goes ahead by {ahead} m')
     return state
+
+
+def refuse_apart(fine, coarse):
+    """Raise NotSolved if the tables of two meshes of a body part by more than their errors.
+
+    fine, coarse : `Response` of the same pads and points, pads alone at their full stroke
+    """
+    for i, stroke in enumerate(fine.strokes):
+        moved = [r.split((r.alone[i, -1] - r.rest)[None])[0][0] for r in (fine, coarse)]
+        apart = np.linalg.norm(moved[0] - moved[1], axis=1)
+        if apart.max() > PART * stroke:
+            raise NotSolved(f'two meshes part by {apart.max()} m at point {apart.argmax()} under '
+                            f'a push of {stroke} m')
 
 
 def shifted(state, its_rest, rest):

@@ -7,7 +7,7 @@ import pytest
 from arm_brachy.prove.generator.body import COARSE
 from arm_brachy.prove.generator.convergence import solve
 from arm_brachy.prove.generator.probe import locate
-from arm_brachy.prove.generator.response import outputs, smooth
+from arm_brachy.prove.generator.response import Response, outputs, refuse_apart, smooth
 from arm_brachy.prove.generator.solver import NotSolved, State
 
 
@@ -57,3 +57,15 @@ def test_tissue_that_jumps_ahead_of_its_pad_is_no_state_to_go_between():
     off[1, 1] += 1e-3
     with pytest.raises(NotSolved, match='jumps by 0.0014'):
         smooth(before, replace(near, u=off))
+
+
+def test_meshes_that_part_at_one_point_are_no_truth():
+    alone = np.zeros((1, 4, 9))      # one pad; two points and the force
+    alone[0, -1, 0] = 1e-3
+    fine = Response(np.array([4e-3]), (0.0, 1 / 3, 2 / 3, 1.0), np.zeros(9), alone, (),
+                    np.zeros((0, 9)))
+    near, far = alone.copy(), alone.copy()
+    near[0, -1, 4], far[0, -1, 4] = 2e-4, 5e-4
+    refuse_apart(fine, replace(fine, alone=near))
+    with pytest.raises(NotSolved, match='0.0005 m at point 1 under a push of 0.004 m'):
+        refuse_apart(fine, replace(fine, alone=far))
