@@ -9,8 +9,7 @@ from arm_brachy.prove.generator.solver import NotSolved, State
 
 LEVELS = (0.0, 1 / 3, 2 / 3, 1.0)
 PAIR_LEVEL = 2
-PART = 0.08     # of a pad's travel, that two meshes may differ by at a point: beside rims 0.05, and
-                # 0.13 where a fine mesh gave way at one place of its surface
+PART = 0.08     # of a pad's travel, that two meshes may differ by at a point (beside rims: 0.05)
 FOLLOWS = 1.2   # times as far as a pad that goes ahead, tissue moves at most, unless it creases
 
 
