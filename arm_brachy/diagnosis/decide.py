@@ -166,10 +166,12 @@ class Judge:
     rng : numpy.random.Generator for the distribution of structured tests
     check : Candidate -> adequacy.Scan of what it leaves, where the answer to a cause as large as
         that is no longer linear; None = by the columns of the problem
+    gone : Candidate -> True if nothing is left of it where its answer is not linear; None = never
     """
 
-    def __init__(self, problem, rng, rules=None, check=None):
+    def __init__(self, problem, rng, rules=None, check=None, gone=None):
         self.problem, self.rules, self._rng = problem, rules or Rules(), rng
+        self._gone = gone or (lambda candidate: False)
         self._check = check or (lambda candidate: self._scan(candidate.explanations))
         self._all, self._without = _grams(problem)
         ends = np.cumsum([0, *(e.columns.shape[1] for e in problem.explanations)])
@@ -179,13 +181,14 @@ class Judge:
     def decide(self):
         """Return the Decision."""
         before, ranked = self._scan(()), self.singles()
-        if before.chance >= self.rules.alarm and not self._claims(ranked[:1]):
+        tried = ranked[:1] if self._claims(ranked[:1]) and not self._gone(ranked[0]) else ()
+        if before.chance >= self.rules.alarm and not tried:
             return Decision('nothing_missing', None, (), ranked, before, before)
-        tried = ranked[:1] if self._claims(ranked[:1]) else ()
         left = self._check(tried[0]) if tried else before
         if not tried or left.chance < self.rules.alarm:
             pair = self._best_pair(ranked)
-            if pair is not None and self._claims((pair,), over=tried):
+            if (pair is not None and self._claims((pair,), over=tried)
+                    and not self._gone(pair)):
                 tried, left = (pair,), self._check(pair)
         if not tried or left.chance < self.rules.alarm:
             return Decision('unexplained', None, (), ranked, left, before)

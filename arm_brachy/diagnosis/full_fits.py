@@ -47,6 +47,17 @@ class FullFits:
                           [part.observables for part in parts],
                           law_of(found.hypotheses, self._law))
 
+    def gone(self, candidate):
+        """True if a cause of it may be nothing at all once its numbers are fitted in full.
+
+        What one number of its own, or of the model, explains as well has then no size left.
+        """
+        found = self.of(candidate)
+        return found.refit is not None and any(
+            all(_may_be_nothing(strength, estimates[strength.name])
+                for strength in hypothesis.strengths)
+            for hypothesis, estimates in zip(found.hypotheses, found.estimates, strict=True))
+
     def _linear(self, candidate):
         """The Scan of what the linear answer leaves."""
         problem, found = self._assembly.problem, candidate.explanations
@@ -61,3 +72,11 @@ class FullFits:
         U = np.hstack([U, by_channel(observables, law * effect)])
         weight = 1.0 / np.sqrt(1.0 + np.square(law * effect))
         return scan(weight[:, None] * U, weight * r, weight[:, None] * tests, self._rng)
+
+
+def _may_be_nothing(strength, estimate):
+    """True if the 90 % interval of a Strength holds the value at which it has no effect."""
+    low, high = estimate.low, estimate.high
+    if strength.component is not None:
+        low, high = low[strength.component], high[strength.component]
+    return low <= strength.neutral <= high

@@ -38,7 +38,8 @@ def judged(matched, tests, tried, sound, seed, accuracy=None):
     def judge():
         assembly = assemble(matched, tried, sound)
         fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy)
-        return assembly, fits, Judge(assembly.problem, stream(seed, 'decision'), check=fits.check)
+        return assembly, fits, Judge(assembly.problem, stream(seed, 'decision'), check=fits.check,
+                                   gone=fits.gone)
 
     assembly, fits, one = judge()
     fault, notes = mesh_fault(matched, one.singles()[0].evidence), ()

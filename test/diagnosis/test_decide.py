@@ -33,11 +33,11 @@ class World:
                         for i in range(CAUSES))
         return singles + extra
 
-    def decide(self, effect, *extra):
+    def decide(self, effect, *extra, gone=None):
         r = (effect + self.nuisance @ self.rng.normal(size=CHANNELS)
              + self.rng.normal(size=len(self.channel)))
         problem = Problem(r, self.nuisance, self.kinds, self.tests, self.explanations(*extra))
-        return Judge(problem, self.rng).decide()
+        return Judge(problem, self.rng, gone=gone).decide()
 
 
 @pytest.fixture(params=range(4))
@@ -94,3 +94,12 @@ def test_a_tenth_of_an_effect_that_shows_makes_no_wrong_claim():
         world = World(200 + seed)
         decision = world.decide(0.05 * world.responses[4])
         assert decision.accepted is None or 'cause_4' in decision.accepted.causes
+
+
+def test_what_a_full_fit_leaves_no_size_is_not_claimed(world):
+    """Neither alone nor in a pair: what is left is then strange, or nothing."""
+    seen = 0.35 * world.responses[2]
+    decision = world.decide(seen, gone=lambda one: 'cause_2' in one.causes)
+    assert decision.verdict in ('nothing_missing', 'unexplained') and decision.accepted is None
+    loud = world.decide(5.0 * world.responses[2], gone=lambda one: 'cause_2' in one.causes)
+    assert loud.verdict == 'unexplained'
