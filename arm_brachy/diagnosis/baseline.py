@@ -16,7 +16,7 @@ from arm_brachy.diagnosis.trajectory import evolve
 from arm_brachy.tissue.contact_pads import touches
 from arm_brachy.tissue.jacobian import Linearisation, pad_translations
 from arm_brachy.tissue.newton import StaticSolver
-from arm_brachy.tissue.sensitivity import moduli_derivative
+from arm_brachy.tissue.sensitivity import log_modulus_derivative
 
 NEAR = 3e-4     # m: states whose pads are closer share a factor. Positions and forces stay their
                 # own; answers err by NEAR over the radius of a pad, 4 %
@@ -30,15 +30,12 @@ class Sensitivity:
         fixed x, single precision; zero at fixed nodes
     held : (d,) the rows of held nodes, 3 node + axis;  motion : (r, d) derivative by their motion
     pads : (r, p, 3) derivative by displacements of the pads
-    moduli : (r, 2m) derivative by (mu, kappa) of every element [per Pa], single precision; None
-        where the model's memory adds stress that is not linear in them
     """
 
     force: np.ndarray
     held: np.ndarray
     motion: np.ndarray
     pads: np.ndarray
-    moduli: np.ndarray | None
 
     def change(self, motion, rate):
         """Return the change (r,) by a motion (n, 3) [m] of held nodes and a rate (n, 3) [N]."""
@@ -56,6 +53,8 @@ class Baseline:
     truth : n dicts kind -> (c, 3), before the sensors and their clocks
     fields : n StepFields;  group : (n,) into `sensitivities`
     place : (n,) number of the first state that is the same but for the time: pads in one place
+    by_modulus : n arrays (r, m), derivative by log E of every element, its ratio kept, single
+        precision; None where the model's memory adds stress that is not linear in it
     restructures : term class -> bool, condensed : interface.Condensed, loosened : as `slip` keeps
         it; filled when first wanted
     Raises InputError for instants out of order, ConfigError for touching pads, NotConverged at a
@@ -85,6 +84,7 @@ class Baseline:
         self.place = self._places()
         self.group, first = self._groups()
         self.sensitivities = self._linearise(first)
+        self.by_modulus = self._by_modulus()
 
     def x(self, i):
         """Positions (n, 3) [m] of the nodes at state i."""
@@ -105,6 +105,8 @@ class Baseline:
         part.t, part.at, part.loosened = self.t[index], self.at[index], {}
         part.truth, part.fields = ([some[i] for i in index] for some in (self.truth, self.fields))
         part.forces, part.group = self.forces[index], self.group[index]
+        if self.by_modulus is not None:
+            part.by_modulus = [self.by_modulus[i] for i in index]
         part.place = np.unique(self.place[index], return_index=True, return_inverse=True)
         part.place = part.place[1][part.place[2].ravel()]
         return part
@@ -222,14 +224,21 @@ class Baseline:
             else:
                 linearisation.move_to(self.x(i), self.fields[i])
             a, h = linearisation.adjoint(x_bar, pad_bar)
-            by_moduli = None
-            if not self._single:
-                by_moduli = -(moduli_derivative(linearisation).T @ a).T.astype(np.float32)
             found.append(Sensitivity(
                 np.ascontiguousarray(a.T, dtype=np.float32), held,
                 np.ascontiguousarray(h[held].T),
-                (h[held].T @ translations).reshape(-1, p, 3), by_moduli))
+                (h[held].T @ translations).reshape(-1, p, 3)))
         return found
+
+    def _by_modulus(self):
+        """The factor may be a neighbour's; what the elements bear grows with the push itself."""
+        if self._single:
+            return None
+        found = {}
+        for i in self.places():
+            borne = log_modulus_derivative(self.solver.assembler, self.x(i), self.fields[i])
+            found[i] = -(borne.T.astype(np.float32) @ self.sensitivity(i).force.T).T
+        return [found[i] for i in self.place.tolist()]
 
 
 def _rows(nodes):

@@ -7,13 +7,13 @@ import numpy as np
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.stream import FORCE
 
-HOLDS = 4       # states that are solved for
+HOLDS = 2       # states of every pad that are solved for
 LEAST = 3.0     # standard deviations of a force for it to count
 CLOSE = 0.02    # of the modulus: nearer, responses at the given one are as good
 
 
 def modulus_ratio(recorded, specimen):
-    """Measured over modelled force in the deepest states of a Recorded; 1 where none tells.
+    """Measured over modelled force in each pad's deepest holds of a Recorded; 1 where none tells.
 
     Of all pads together, by least squares: a modulus scales forces alone as long as nothing hangs
     by its weight; what single pads have besides is left.
@@ -22,11 +22,9 @@ def modulus_ratio(recorded, specimen):
     force = states.streams.get(FORCE)
     if force is None:
         return 1.0
-    still = np.flatnonzero(recorded.states.labels.direction == 0)
-    deep = still[np.argsort(-states.q[still].max(axis=1))][:HOLDS]
+    deep = _deepest_holds(states)
     if not len(deep):
         return 1.0
-    deep = np.sort(deep)
     found = ForwardModel(specimen).predict(recorded.path, states.t[deep])
     index = [specimen.pads.index(name) for name in force.names]
     measured, model = force.values[deep], found.force[:, index]
@@ -35,6 +33,14 @@ def modulus_ratio(recorded, specimen):
     if power < LEAST**2:
         return 1.0
     return float(np.sum(weight * np.nan_to_num(model) * np.nan_to_num(measured)) / power)
+
+
+def _deepest_holds(states):
+    """Indices of HOLDS states at rest for every pad that is pushed: where it is deepest."""
+    still = np.flatnonzero(states.labels.direction == 0)
+    depths = [q for q in states.q[still].T if q.max(initial=0.0) > 0.0]
+    return np.unique(np.concatenate([still[:0], *(still[np.argsort(-q)][:HOLDS]
+                                                  for q in depths)]))
 
 
 def scaled(scene, ratio):

@@ -164,8 +164,9 @@ def body_change(baseline, term):
     body, terms = _prepared(model, term)
     fractions = _moduli_alone(baseline, body, terms)
     if fractions is not None:
-        groups = [one.moduli @ fractions for one in baseline.sensitivities]
-        return _difference(baseline, [baseline.split(groups[k]) for k in baseline.group])
+        places = {i: baseline.split(baseline.by_modulus[i] @ fractions)
+                  for i in baseline.places()}
+        return _difference(baseline, [places[i] for i in baseline.place.tolist()])
     rates, known, changes = Rates(baseline, body), {k: [] for k in baseline.places()}, []
     attached = model.attached if not rates.shift.any() else attach(model.specimen, body)
     for i, fields in _states(baseline, body, terms, rates.shift):
@@ -190,18 +191,18 @@ def _first_order(baseline, i, body, attached, rates, fields):
 
 
 def _moduli_alone(baseline, body, terms):
-    """Change (2m,) [Pa] of (mu, kappa) if `body` differs in these alone, else None.
+    """Change (m,) of the moduli, in parts of them, of a body that differs in these alone, or None.
 
     Forces are linear in them as long as their ratio stays, on which the quadrature depends.
     """
     plain = baseline.model.body
-    if any(term.memory(body) is not None for term in terms):
+    if baseline.by_modulus is None or any(term.memory(body) is not None for term in terms):
         return None
     if not alike(plain, body, but=('mu', 'kappa')):
         return None
     if not np.allclose(body.mu * plain.kappa, plain.mu * body.kappa, rtol=1e-12, atol=0.0):
         return None
-    return np.concatenate([body.mu - plain.mu, body.kappa - plain.kappa]).astype(np.float32)
+    return (body.mu / plain.mu - 1.0).astype(np.float32)
 
 
 def _states(baseline, body, terms, shift):

@@ -1,6 +1,5 @@
 """One baseline over several recordings, so that what they share is solved for once."""
 
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -30,17 +29,12 @@ def baselines(model, trials):
 
 def _stretch(whole, start, stop):
     """The part of a Baseline from `start` to `stop` [s], its clock at zero at the start."""
-    part, states = copy(whole), np.flatnonzero((whole.t >= start) & (whole.t < stop))
+    part = whole.take(np.flatnonzero((whole.t >= start) & (whole.t < stop)))
     inside = (whole.trajectory.t >= start) & (whole.trajectory.t < stop)
     trajectory = whole.trajectory.take(np.flatnonzero(inside))
-    trajectory = replace(trajectory, t=trajectory.t - start)
-    part.trajectory, part.t = trajectory, whole.t[states] - start
-    part.at = np.searchsorted(trajectory.t, part.t)
+    part.trajectory, part.t = replace(trajectory, t=trajectory.t - start), part.t - start
+    part.at = np.searchsorted(part.trajectory.t, part.t)
     part.encoder, part.path = (_cut(path, start, stop) for path in (whole.encoder, whole.path))
-    part.truth, part.fields = ([values[i] for i in states] for values in
-                               (whole.truth, whole.fields))
-    part.forces, part.group = whole.forces[states], whole.group[states]
-    part.__dict__.pop('shown', None)
     return part
 
 

@@ -131,13 +131,19 @@ def moduli_derivative(linearisation):
     linearisation : jacobian.Linearisation, for its x.  Columns: mu, then kappa, by element
     Column e is the force of element e with unit modulus, exact since forces are linear in it.
     """
-    geometry = linearisation.solver.assembler.geometry
-    m, a = geometry.connectivity.shape
-    one, none = np.ones(m), np.zeros(m)
-    parts = [_element_forces(linearisation, one, none), _element_forces(linearisation, none, one)]
-    rows = (3 * geometry.connectivity[:, :, None] + np.arange(3)).ravel()
-    return csc_array((np.concatenate(parts).ravel(), np.tile(rows, 2),
-                      3 * a * np.arange(2 * m + 1)), shape=(linearisation.x.size, 2 * m))
+    state = linearisation.solver.assembler, linearisation.x, linearisation.fields
+    one, none = np.ones(len(linearisation.fields.mu)), np.zeros(len(linearisation.fields.mu))
+    return _by_element(state[0], np.concatenate([_element_forces(*state, one, none),
+                                                 _element_forces(*state, none, one)]))
+
+
+def log_modulus_derivative(assembler, x, fields):
+    """Return d forces / d log E of every element at fixed x, its ratio kept, sparse (3n, m) [N].
+
+    assembler : assembly.Assembler;  x : (n, 3) [m];  fields : StepFields, for its moduli
+    Column e is what element e bears by its moduli, without stiffening, fibres and added stress.
+    """
+    return _by_element(assembler, _element_forces(assembler, x, fields, fields.mu, fields.kappa))
 
 
 def moduli_operator(linearisation, embedding):
@@ -244,7 +250,8 @@ def _load_change(linearisation, change):
     rate = -_checked('nodal_force', change.nodal_force, (n, 3))
     if change.stress is not None:
         no = np.zeros(m)
-        rate += _nodal(assembler, _element_forces(linearisation, no, no, change.stress))
+        rate += _nodal(assembler, _element_forces(assembler, linearisation.x,
+                                                  linearisation.fields, no, no, change.stress))
     if change.gravity is not None:
         mass = assembler.heavy_mass(body.density, body.nodal_mass)
         rate -= np.outer(mass, _checked('gravity', change.gravity, (3,)))
@@ -259,13 +266,21 @@ def _load_change(linearisation, change):
     return rate
 
 
-def _element_forces(linearisation, mu, kappa, stress=None):
+def _element_forces(assembler, x, fields, mu, kappa, stress=None):
     """Forces (m, a, 3) of every element alone, by these moduli and this stress, nothing else."""
-    assembler, fields = linearisation.solver.assembler, linearisation.fields
     stress = _checked('stress', stress, fields.stress.shape)
     only = replace(fields, mu=mu, kappa=kappa, beyond=np.zeros_like(fields.beyond),
                    stress=stress)
-    return assembler.element_forces(linearisation.x, only)
+    return assembler.element_forces(x, only)
+
+
+def _by_element(assembler, parts):
+    """Sparse (3n, k) of forces (k, a, 3) of the elements, in their order, once or again."""
+    conn = assembler.geometry.connectivity
+    rows = (3 * conn[:, :, None] + np.arange(3)).ravel()
+    return csc_array((parts.ravel(), np.tile(rows, len(parts) // len(conn)),
+                      rows.size // len(conn) * np.arange(len(parts) + 1)),
+                     shape=(3 * assembler.n, len(parts)))
 
 
 def _nodal(assembler, parts):

@@ -77,6 +77,30 @@ def test_responses_are_those_of_full_runs(baseline, cls):
         assert error(found, expected) < ACCURACY, one.strengths[k].label
 
 
+def test_a_modulus_scales_forces_alone_at_every_depth(linear, encoder):
+    """Without weight F is proportional to E; the states share a factor, not a push."""
+    baseline = Baseline(ForwardModel(linear), encoder, np.array([1.28, 1.29, 1.30, 2.5]))
+    assert baseline.group[0] == baseline.group[1] == baseline.group[2] != baseline.group[3]
+    one = hypothesis(by_name('stiffness_scale'))
+    size = one.alone(0, 1.0).prepare(baseline.model.body).mu[0] / baseline.model.body.mu[0] - 1.0
+    found = {kind: values[..., 0] for kind, values in respond(baseline, one).values.items()}
+    force = baseline.shown['force']
+    assert np.abs(force[:, 0]).max(axis=1).min() > 0.1
+    assert np.allclose(found['force'], size * force, rtol=0.0, atol=1e-3)
+    assert np.abs(found['optical']).max() < 1e-6
+
+
+def test_neighbours_with_one_factor_answer_to_an_inclusion_as_each_alone(linear, encoder):
+    one = hypothesis(Inclusion, centre=(0.03, 0.02, 0.03), radius=0.012)
+    t = np.array([1.28, 1.30])
+    together = respond(Baseline(ForwardModel(linear), encoder, t), one).values
+    for i in range(len(t)):
+        alone = respond(Baseline(ForwardModel(linear), encoder, t[i:i + 1]), one).values
+        for kind in ('optical', 'force'):
+            off = together[kind][i] - alone[kind][0]
+            assert np.linalg.norm(off) < 0.04 * np.linalg.norm(alone[kind][0]), (i, kind)
+
+
 SUPPORTS = [('base_debond', {'centre': (0.03, 0.0, 0.0)}),
             ('base_debond', {'centre': (-0.03, -0.03, 0.0)}),
             ('obstacle', {'centre': (-0.04, 0.04, 0.03)}),
