@@ -8,7 +8,7 @@ from scipy.linalg import block_diag
 from arm_brachy.diagnosis.decide import Explanation, Problem
 from arm_brachy.diagnosis.motion import TOUCH
 
-PART = 0.2
+PART = 0.2      # of the deepest, for a push to count; wobble at rest reaches some hundredths
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def assemble(matched, tried, sound=0):
                          for one, part in zip(tried.hypotheses, columns, strict=True))
     problem = Problem(np.concatenate([m.r for m in matched]), U,
                       np.concatenate([m.kinds for m in matched]), tests, explanations,
-                      load_cases(matched))
+                      load_cases(matched[:len(matched) - sound]))
     return Assembly(matched, tried, problem, labels, names, sound)
 
 

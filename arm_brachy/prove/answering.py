@@ -38,14 +38,18 @@ def answer_one(folder, mode, case, detector, limit):
     begun = 1 + (read_json(_counter(folder, mode, case)) or 0)
     write_json(_counter(folder, mode, case), begun)
     shutil.rmtree(work, ignore_errors=True)
-    beside = {NULL: [folder.sound(case)], SUPPLIED: [folder.supplied(case)]}.get(mode, [])
-    readable, bags = [given, *beside], [str(one / 'bag') for one in (given, *beside)]
-    command = [*detector, *(bags[:1] if mode == NULL else bags), '--scene',
-               str(given / 'scene.yaml'), '--json', 'answer.json', '--out', 'out',
-               *(['--null', *bags[1:]] if mode == NULL else [])]
+    readable, bags, without = [given], [given / 'bag'], []
+    if mode == SUPPLIED:
+        readable.append(folder.supplied(case))
+        bags.append(folder.supplied(case) / 'bag')
+    if mode == NULL:
+        readable.append(folder.sound(case))
+        without = ['--null', folder.sound(case) / 'bag']
+    command = [*detector, *bags, '--scene', given / 'scene.yaml', '--json', 'answer.json',
+               '--out', 'out', *without]
     (folder / 'compiled').mkdir(exist_ok=True)
-    ended = sandbox.run(command, work, readable=readable, writable=[folder / 'compiled'],
-                        limit=limit)
+    ended = sandbox.run([str(word) for word in command], work, readable=readable,
+                        writable=[folder / 'compiled'], limit=limit)
     record = {'case': case, 'mode': mode, 'begun': begun, **vars(ended),
               'answer': _answer(work / 'answer.json')}
     if ended.status == sandbox.ANSWERED and record['answer'] is None:

@@ -60,22 +60,21 @@ def analyse_all(folder, jobs, modes, source, workers, progress):
     """Columns of `seen` for every case that has something to see: case -> mode -> dict; kept.
 
     folder : TrialFolder;  source : name of a module as `prove.signals`;  workers : Workers
-    progress(stage, done, of)
+    progress(stage, done, of) counts bodies, after each of which the file is written
     """
-    held = read_json(folder / 'oracle.json')
-    if held is not None:
-        return held
+    found = read_json(folder / 'oracle.json') or {}
     bodies = {}
     for job in jobs:
         if job.kind not in (NULL, CONFOUNDED):
             bodies.setdefault(job.body, []).append(job)
-    found = {}
-    progress('oracle', 0, len(bodies))
-    tasks = [(source, some, modes, folder / 'cache') for some in bodies.values()]
-    for done, one in enumerate(workers.each(analyse, tasks), start=1):
+    lacking = [some for some in bodies.values() if not all(job.name in found for job in some)]
+    held = len(bodies) - len(lacking)
+    progress('oracle', held, len(bodies))
+    tasks = [(source, some, modes, folder / 'cache') for some in lacking]
+    for done, one in enumerate(workers.each(analyse, tasks), start=held + 1):
         found.update(one)
+        write_json(folder / 'oracle.json', found)
         progress('oracle', done, len(bodies))
-    write_json(folder / 'oracle.json', found)
     return found
 
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from arm_brachy.prove.oracle import seen, whitened
+from arm_brachy.prove.folder import TrialFolder, read_json
+from arm_brachy.prove.oracle import analyse_all, seen, whitened
+from arm_brachy.prove.plan import Job
 
 RNG = np.random.default_rng(5)
 
@@ -57,3 +59,32 @@ def test_noise_comes_out_white_and_of_size_one():
     white = whitened(sampled, dt, sd, share, memory, rate)[:, 0]
     assert np.var(white) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / len(white)) + 0.03)
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 4.0 / np.sqrt(len(white)) + 0.02
+
+
+class InOrder:
+    """Workers that do their tasks here and stop at `after`."""
+
+    def __init__(self, after):
+        self._left = after
+
+    def each(self, work, tasks):
+        for task in tasks:
+            if not self._left:
+                raise KeyboardInterrupt
+            self._left -= 1
+            yield work(*task)
+
+
+def test_bodies_that_were_seen_are_not_looked_at_again(tmp_path):
+    folder = TrialFolder(tmp_path)
+    jobs = [Job(f'case_{i}', 'single', 'backlash', i // 2, 1, i) for i in range(6)]
+    steps = []
+
+    def analysed(after):
+        return analyse_all(folder, jobs, ('absolute',), 'made_up_signals', InOrder(after),
+                           lambda stage, done, of: steps.append((done, of)))
+    with pytest.raises(KeyboardInterrupt):
+        analysed(after=1)
+    assert set(read_json(folder / 'oracle.json')) == {'case_0', 'case_1'}
+    assert set(analysed(after=2)) == {job.name for job in jobs}
+    assert steps == [(0, 3), (1, 3), (1, 3), (2, 3), (3, 3)]
