@@ -81,13 +81,13 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     left_out = (*left_out, *fewer, *fewest)
     looked, recorded = recorded, (*recorded, *sound)
     known = [f for one in sound for f in one.structure.findings]
-    found = given(looked, known)
+    found = given(looked, known, beside=looked)
     say(STEPS[1], 0.0)
     specimen, ratio = _specimen(looked[0], evidences[0].scene)
     ensemble = ensemble_of(ForwardModel(specimen), stream(provenance.seed, 'meshes'), meshes)
     matched = []
     for one in (*recorded, *tested):
-        matched.append(match(one, specimen, ensemble, given((one,)).terms,
+        matched.append(match(one, specimen, ensemble, given((one,), beside=looked).terms,
                              calibration=calibration, accuracy=accuracy))
         say(STEPS[1], len(matched) / (len(recorded) + len(tested)))
     tests, matched = matched[len(recorded):], matched[:len(recorded)]

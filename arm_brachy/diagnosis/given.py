@@ -1,8 +1,11 @@
 """What findings without a tissue model hand on: terms that are there, when things happened."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from arm_brachy.diagnosis.candidates import Occasions
+from arm_brachy.diagnosis.finding import ALIKE, sigma
 from arm_brachy.registry import by_name
 
 PUT_RIGHT = ('clock_offset',)   # in the states themselves (`recorded.look`)
@@ -33,17 +36,22 @@ class Given:
         return tuple(by_name(f.term)(**_plain(f)) for f in kept.values())
 
 
-def given(recorded, known=()):
+def given(recorded, known=(), beside=()):
     """Given of Recorded recordings.
 
     known : findings of a recording in which nothing is wrong; what it shows too is no fault but
         the set-up, handed on as a term that is no news
+    beside : Recorded of the same set-up; what one of them shows that has no rival there, and as
+        large, has none here
     """
     certain, open_, nameless = [], [], []
+    sure = [f for one in beside for f in one.structure.findings if f.term and not f.rivals]
     for one in recorded:
         for finding in one.structure.findings:
             if any(_same(finding, other) for other in known):
                 continue
+            if any(_as_large(finding, other) for other in sure):
+                finding = replace(finding, rivals=())
             if finding.term is None:
                 nameless += [(finding, one.name)] if finding.unit != 's' else []
             elif finding.term in SEEN_BETTER or finding.rivals:
@@ -56,6 +64,11 @@ def given(recorded, known=()):
 def _same(one, other):
     return (one.term, one.stream, one.channel, one.parameter) == (
         other.term, other.stream, other.channel, other.parameter)
+
+
+def _as_large(one, other):
+    return _same(one, other) and sigma(np.subtract(one.value, other.value),
+                                       np.hypot(one.sd, other.sd)) < ALIKE
 
 
 def _plain(finding):

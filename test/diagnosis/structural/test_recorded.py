@@ -69,6 +69,21 @@ def test_what_has_rivals_is_left_to_the_model(rivals, certain):
     assert kept == ((gain, 'one'),) and other == ()
 
 
+@pytest.mark.parametrize(('size', 'settled'), [(0.332e-3, True), (0.6e-3, False)])
+def test_what_another_recording_settles_is_settled_here_if_as_large(size, settled):
+    def short(value, rivals):
+        return Finding('optical', 'on_pad_2', 'lost_steps', 'shortfall', value, 'm', 5e-6, 40.0,
+                       28.0, 74.0, 'The marker stands short of the encoder.', rivals,
+                       parameters={'shortfall': value, 'onset': 28.0, 'actuators': (1,)})
+    one, other = (SimpleNamespace(name=name, structure=SimpleNamespace(findings=(found,)))
+                  for name, found in (('one', short(0.33e-3, ('marker_slip',))),
+                                      ('other', short(size, ()))))
+    alone, together = given((one,)), given((one,), beside=(one, other))
+    assert alone.terms == () and len(alone.open) == 1
+    assert [t.shortfall for t in together.terms] == ([0.33e-3] if settled else [])
+    assert [f.rivals for f, _ in together.certain] == ([()] if settled else [])
+
+
 def test_what_a_sound_recording_shows_as_well_is_no_news(looked):
     one = looked(PLAY)
     assert given((one,), known=one.structure.findings).certain == ()
