@@ -11,7 +11,11 @@ import numpy as np
 
 from arm_brachy import graph, registry
 from arm_brachy.core.paths import share_dir
-from arm_brachy.experiments import diagnosis_laboratories, diagnosis_totals
+from arm_brachy.experiments import (
+    blind_trials,
+    diagnosis_laboratories,
+    diagnosis_totals,
+)
 
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
 
@@ -130,7 +134,8 @@ def _mean(rows, key):
 
 
 BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers,
-            'diagnosis': _diagnosis, 'laboratories': _laboratories}
+            'diagnosis': _diagnosis, 'laboratories': _laboratories,
+            'trials': blind_trials.markdown}
 
 
 def main():

@@ -7,6 +7,7 @@ import numpy as np
 from arm_brachy.evaluation.page import number
 from arm_brachy.evaluation.result import Result
 from arm_brachy.evaluation.style import OURS, Plate, new_figure, styled
+from arm_brachy.experiments.blind_trials import cell
 from arm_brachy.prove import totals
 from arm_brachy.prove.answering import ABSOLUTE, SUPPLIED
 from arm_brachy.prove.curves import curves_plate
@@ -74,9 +75,9 @@ def markdown(rows, modes):
     tables = [totals.shares(in_mode(rows, mode)) for mode in modes]
     middles = [totals.medians(in_mode(rows, mode)) for mode in modes]
     lines = ['| over all | ' + ' | '.join(modes) + ' |', '|---' * (len(modes) + 1) + '|']
-    lines += [f'| {some[0]["what"]} | ' + ' | '.join(map(_percents, some)) + ' |'
+    lines += [f'| {some[0]["what"]} | ' + ' | '.join(map(cell, some)) + ' |'
               for some in zip(*tables, strict=True)]
-    lines += [f'| {some[0]["what"]}, median | ' + ' | '.join(map(_median, some)) + ' |'
+    lines += [f'| {some[0]["what"]}, median | ' + ' | '.join(map(cell, some)) + ' |'
               for some in zip(*middles, strict=True)]
     return '\n'.join(lines)
 
@@ -85,24 +86,10 @@ def baseline_lines(rows):
     """The README's lines on the baselines, a line each; rows without a share are left out."""
     rows = [row for row in rows if 'count' in row]
     names, counted = ({row[key]: None for row in rows} for key in ('baseline', 'what'))
-    cells = {(row['baseline'], row['what']): _percents(row) for row in rows}
+    cells = {(row['baseline'], row['what']): cell(row) for row in rows}
     return '\n'.join([f'| baseline | {" | ".join(counted)} |', '|---' * (1 + len(counted)) + '|',
                       *(f'| {name} | {" | ".join(cells[name, what] for what in counted)} |'
                         for name in names)])
-
-
-def _percents(one):
-    if not one['of']:
-        return '-'
-    return (f'{one["count"]} of {one["of"]}: {one["share_percent"]:.0f} % '
-            f'({one["low_percent"]:.0f} to {one["high_percent"]:.0f})')
-
-
-def _median(one):
-    if one['median'] is None:
-        return '-'
-    unit = '' if one['unit'] == '1' else f' {one["unit"]}'
-    return f'{one["median"]:.2g}{unit} (of {one["of"]})'
 
 
 def confusion(truths, records, mode):
