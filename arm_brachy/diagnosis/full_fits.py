@@ -1,6 +1,6 @@
 """Candidates fitted in full when they are asked for, and whether they leave anything.
 
-Test: diagnosis/test_diagnose.py
+Test: diagnosis/test_full_fits.py
 """
 
 import numpy as np

@@ -1,0 +1,53 @@
+"""What of a cause is gone once it is fitted in full."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.cause import Estimate
+from arm_brachy.diagnosis.full_fits import FullFits
+
+
+def gone(*causes, refit=True):
+    """FullFits.gone where a fit found causes, a list of (neutral, component, Estimate) each."""
+    found = SimpleNamespace(refit=refit or None, hypotheses=[], estimates=[])
+    for cause in causes:
+        names = [f'number_{i}' for i in range(len(cause))]
+        found.hypotheses.append(SimpleNamespace(strengths=[
+            SimpleNamespace(name=name, neutral=neutral, component=component)
+            for name, (neutral, component, _) in zip(names, cause, strict=True)]))
+        found.estimates.append({name: estimate for name, (*_, estimate) in
+                                zip(names, cause, strict=True)})
+    fits = FullFits(None, None)
+    fits.of = lambda candidate: found
+    return fits.gone(None)
+
+
+@pytest.mark.parametrize(('low', 'high', 'expected'), [
+    (-0.01, 0.05, True), (0.01, 0.05, False), (-0.05, -0.01, False), (-np.inf, np.inf, True)])
+def test_a_gain_whose_interval_holds_zero_is_gone(low, high, expected):
+    assert gone([(0.0, None, Estimate(low, low, high))]) is expected
+
+
+def test_a_modulus_ratio_is_nothing_at_one_and_a_gap_at_infinity():
+    assert gone([(1.0, None, Estimate(1.1, 0.9, 1.3))])
+    assert not gone([(1.0, None, Estimate(1.3, 1.1, 1.5))])
+    assert gone([(np.inf, None, Estimate(0.05, 0.01, np.inf))])
+    assert not gone([(np.inf, None, Estimate(0.05, 0.01, 0.2))])
+
+
+def test_of_a_vector_the_component_counts():
+    vector = Estimate((0.0, 2.0, 0.0), (-1.0, 1.0, -1.0), (1.0, 3.0, 1.0))
+    assert gone([(0.0, 0, vector)]) and not gone([(0.0, 1, vector)])
+
+
+def test_one_number_that_is_something_keeps_a_cause_and_any_cause_gone_undoes_all():
+    nothing, something = ((0.0, None, Estimate(0.0, -1.0, 1.0)),
+                          (0.0, None, Estimate(2.0, 1.0, 3.0)))
+    assert not gone([nothing, something])
+    assert gone([something], [nothing])
+
+
+def test_what_could_not_be_fitted_in_full_is_not_gone():
+    assert not gone([(0.0, None, Estimate(0.0, -1.0, 1.0))], refit=False)
