@@ -1,7 +1,9 @@
 """What is left open by laws that hold to some per cent: of tests, and of the numbers fitted.
 
 What a law is wrong by is alike in all of a recording and averages out with no number of rows; from
-channel to channel (a marker, a pad, each axis) it is taken as independent.
+channel to channel (a marker, a pad, each axis) it is taken as independent, and so is by how much
+more it is wrong as each pad goes in: what sags by half a millimetre answers to a push by another
+law's second order, not by ours.
 Test: diagnosis/forward/test_refit.py
 """
 
@@ -37,6 +39,18 @@ def by_channel(observables, values):
     return out
 
 
+def _errors(data, sizes):
+    """Columns (N, c): errors of sizes (N,), a part each recording, steady and with every push."""
+    observables = [one.observables for one in data]
+    pushes = [one.baseline.path.at(one.baseline.t) for one in data]
+    deepest = np.max([np.abs(q).max(axis=0) for q in pushes], axis=0)
+    grown = [np.concatenate([one.times(part, q[:, p] / deepest[p]) for one, part, q in
+                             zip(observables, sizes, pushes, strict=True)])
+             for p in np.flatnonzero(deepest)]
+    return np.hstack([by_channel(observables, size)
+                      for size in (np.concatenate(sizes), *grown)])
+
+
 def widened(found, data, factor, law):
     """Return the estimates, hypothesis number -> {field: Estimate}, of effects known to `law`.
 
@@ -50,7 +64,7 @@ def widened(found, data, factor, law):
         shown = one.baseline.shown
         plain = one.observables.residual({**shown, FORCE: factor * shown[FORCE]})
         effect.append(plain - residual)
-    errors = by_channel([one.observables for one in data], law * np.concatenate(effect))
+    errors = _errors(data, [law * part for part in effect])
     pulls, first = 0.0, 0
     for one, columns in zip(data, found.columns, strict=True):
         rows = slice(first, first + len(columns))

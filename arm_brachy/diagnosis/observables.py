@@ -121,6 +121,15 @@ class Observables:
                for *_, seen, factor in self._blocks]
         return np.concatenate(out) if out else np.zeros(0)
 
+    def times(self, values, factors):
+        """Return whitened values (N,) as if each state were its factor (n,) times as large."""
+        out, first = [], 0
+        for *_, seen, factor in self._blocks:
+            grown = factors[seen] * (factor @ values[first:first + len(seen)])
+            out.append(solve_triangular(factor, grown, lower=True))
+            first += len(seen)
+        return np.concatenate(out) if out else np.zeros(0)
+
     def coloured(self, values):
         """Return (N,) SI of whitened values (N,): the inverse of what whitening did."""
         out, first = [], 0

@@ -14,7 +14,7 @@ from arm_brachy.prove.folder import read_json, write_json
 
 WHEN = 946684800    # s since 1970: the date of every file, so that it tells nothing
 ATTEMPT = 'attempt.json'    # of a body, in its folder
-ATTEMPTS = 5        # at a case or body, until the generator finds all its states; own choice
+ATTEMPTS = 10       # at a case or body, until the generator finds all its states; own choice
 
 
 def prepare_body(source, job, folder):

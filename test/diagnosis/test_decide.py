@@ -103,3 +103,27 @@ def test_what_a_full_fit_leaves_no_size_is_not_claimed(world):
     assert decision.verdict in ('nothing_missing', 'unexplained') and decision.accepted is None
     loud = world.decide(5.0 * world.responses[2], gone=lambda one: 'cause_2' in one.causes)
     assert loud.verdict == 'unexplained'
+
+
+def sagging(world, coupling):
+    """(truth, Explanation of it, which adds `coupling` at full depth that is not there)."""
+    depth = np.tile(np.abs(np.sin(np.linspace(0.0, 3.0 * np.pi, STATES))), CHANNELS)
+    sign = np.sign(world.rng.normal(size=CHANNELS))[world.channel]
+    return 13.0 * sign, Explanation('sag', '', (13.0 * sign + coupling * depth * np.roll(
+        sign, STATES))[:, None])
+
+
+@pytest.mark.parametrize('coupling', [0.0, 0.25])
+def test_what_is_there_at_rest_is_named_though_its_second_order_is_off(world, coupling):
+    """Twelve offsets of 2.6 of the deviations that they may have, all as a sag would have it."""
+    truth, sag = sagging(world, coupling)
+    decision = world.decide(truth, sag)
+    best = decision.ranked[0]
+    assert best.causes == ('sag',) and best.evidence > 15.0 and best.held_out < 3.0
+    assert decision.accepted is not None and decision.accepted.causes == ('sag',)
+
+
+def test_what_pushes_gainsay_is_not_named_for_its_offsets(world):
+    truth, sag = sagging(world, 4.0)
+    decision = world.decide(truth, sag)
+    assert decision.accepted is None or 'sag' not in decision.accepted.causes

@@ -152,3 +152,12 @@ def test_more_noise_adds_its_own_covariance():
     same = Observables((stream,), NAMES).louder({'em': f}, memory).measured[0]
     np.testing.assert_array_equal(same.sd, stream.sd)
     np.testing.assert_array_equal(same.correlation, stream.correlation)
+
+
+def test_a_factor_of_every_state_goes_through_the_whitening():
+    both, rng = Observables((correlated(),), NAMES), np.random.default_rng(8)
+    values, factors = rng.normal(size=(4, 3, 3, 1)), rng.uniform(0.0, 2.0, 4)
+    plain = both.whiten({'optical': values})[:, 0]
+    grown = both.whiten({'optical': factors[:, None, None, None] * values})[:, 0]
+    assert np.allclose(both.times(plain, factors), grown, rtol=1e-10)
+    assert not np.allclose(plain, grown)

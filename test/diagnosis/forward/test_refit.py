@@ -285,18 +285,23 @@ def test_what_a_finer_model_adds_is_added(record, given):
     assert np.sqrt(np.mean(gap ** 2)) > 5.0
 
 
-def test_a_law_that_errs_in_one_channel_moves_numbers_as_far_as_intervals_say(record, given):
-    """The effect on pad 1 along x is 5 % larger than the law has it; noise stays what it was."""
+@pytest.mark.parametrize('grows', [False, True])
+def test_a_law_that_errs_in_one_channel_moves_numbers_as_far_as_intervals_say(record, given,
+                                                                              grows):
+    """The effect on pad 1 along x is 5 % larger than the law has it, at all times or as it is
+    pushed; noise stays what it was."""
     law, one = 0.05, hypothesis(StiffnessGradient)
     data = replace(record((StiffnessGradient(gradient=(12.0, 0.0, 0.0)),), t=SOME, noise=0.1),
                    baseline=given(SOME)[0])
     start, fine = [np.zeros(3)], Options(tolerance=1e-4)
     found = refit([data], (one,), start, options=fine)
-    plain = data.observables.residual(data.baseline.shown)
+    effect = data.observables.residual(data.baseline.shown) - found.residual[0]
+    if grows:
+        q = data.baseline.path.at(data.baseline.t)[:, 0]
+        effect = data.observables.times(effect, q / q.max())
     mine = np.array([(row.kind, row.channel, row.axis) == ('force', 'pad_1', 0)
                      for row in data.observables.rows])
-    error = np.where(mine, law * (plain - found.residual[0]), 0.0)
-    wrong = replace(data, observables=Shifted(data.observables, error))
+    wrong = replace(data, observables=Shifted(data.observables, np.where(mine, law * effect, 0.0)))
     moved = refit([wrong], (one,), start, options=fine).z - found.z
     wide = widened(found, [data], 1.0, law)[0]['gradient']
     same = widened(found, [data], 1.0, 0.0)[0]['gradient']
