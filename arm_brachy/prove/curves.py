@@ -42,10 +42,11 @@ def _power(axes, lines):
     axes.set_xticks([low for low, _ in BINS] + [BINS[-1][1]])
     axes.xaxis.set_major_formatter('{x:g}')
     axes.minorticks_off()
-    axes.set_ylim(-4, 104)
+    axes.set_ylim(-4, 124)      # room for the legend over the bars
+    axes.set_yticks(range(0, 101, 20))
     axes.set_xlabel('size of the effect / typical size')
     axes.set_ylabel('share of singles / %')
-    axes.legend(loc='upper left')
+    axes.legend(loc='upper left', ncols=2)
 
 
 def _risk(axes, points):

@@ -8,16 +8,19 @@ from arm_brachy.evaluation.page import number
 from arm_brachy.evaluation.result import Result
 from arm_brachy.evaluation.style import OURS, Plate, new_figure, styled
 from arm_brachy.experiments.blind_trials import cell
+from arm_brachy.experiments.diagnosis_score import RECALIBRATED
 from arm_brachy.prove import totals
 from arm_brachy.prove.answering import ABSOLUTE, SUPPLIED
 from arm_brachy.prove.curves import curves_plate
 from arm_brachy.prove.folder import write_json
-from arm_brachy.prove.outcome import ABSTAINED, FAILED, SILENT
+from arm_brachy.prove.outcome import ABSTAINED, FAILED, RIGHT, SILENT, outcome
 from arm_brachy.prove.score import first_said, score
+from arm_brachy.registry import TERMS
 
 NAME = 'blind-trial'
-NOTHING = '-'       # planted nothing
+NOTHING = 'nothing'
 OTHERS = 'two or more'
+SAYABLE = {term.spec.name for term in TERMS}
 LAST = (SILENT, ABSTAINED, FAILED)
 PICTURES = {'confusion': 'confusion matrix', 'curves': 'power over size, risk over coverage'}
 
@@ -93,12 +96,17 @@ def baseline_lines(rows):
 
 
 def confusion(truths, records, mode):
-    """(planted, said first) -> how often, of cases with nothing or one effect planted."""
+    """(planted, said first) -> how often, of cases with nothing or one effect planted.
+
+    A modulus is told by a number, not by a name; where that is right it counts as said.
+    """
     cells = {}
     for (which, case), record in records.items():
         labels = truths[case]['labels']
         if which == mode and len(labels) < 2:
             heard = first_said(record)
+            if labels == [RECALIBRATED] and outcome(record, truths[case]) == RIGHT:
+                heard = RECALIBRATED
             cell = (labels[0] if labels else NOTHING, OTHERS if ' + ' in heard else heard)
             cells[cell] = cells.get(cell, 0) + 1
     return cells
@@ -107,8 +115,8 @@ def confusion(truths, records, mode):
 @styled
 def confusion_plate(cells, mode):
     """The confusion matrix as a style.Plate: planted down, said across."""
-    rows = sorted({planted for planted, _ in cells})
-    columns = [c for c in rows if c != NOTHING]
+    rows = sorted({planted for planted, _ in cells}, key=lambda one: (one != NOTHING, one))
+    columns = [c for c in rows if c in SAYABLE]
     columns += sorted({said for _, said in cells} - {*columns, *LAST}) + list(LAST)
     counts = np.array([[cells.get((a, b), 0) for b in columns] for a in rows], dtype=float)
     figure = new_figure(2.6 + 0.25 * len(columns), 2.2 + 0.22 * len(rows))

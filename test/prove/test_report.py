@@ -60,7 +60,8 @@ def test_a_program_that_changed_is_said(tmp_path):
 
 def test_the_confusion_matrix_counts_nothing_and_one_effect():
     cells = confusion(TRUTHS, RECORDS, 'absolute')
-    assert cells == {('backlash', 'backlash'): 1, ('-', 'silent'): 1, ('backlash', 'failed'): 1}
+    assert cells == {('backlash', 'backlash'): 1, ('nothing', 'silent'): 1,
+                     ('backlash', 'failed'): 1}
 
 
 def test_what_is_decided_with_another_recording_is_counted_by_itself():
