@@ -43,12 +43,12 @@ def judged(matched, tests, tried, sound, seed, accuracy=None):
 
     assembly, fits, one = judge()
     fault, notes = mesh_fault(matched, one.singles()[0].evidence), ()
+    if fault is not None and not fault.material:
+        fault, notes = None, (fault.note,)
     if fault is not None:
         for test in tests:
             test.loosen(SYSTEMATIC, ALLOWED)
         assembly, fits, one = judge()
-        if not fault.material:
-            fault, notes = None, (fault.note,)
     decision = one.decide()
     strange = decision.verdict == 'unexplained' and decision.unproven is None
     factors = louder(assembly, decision) if strange else {}

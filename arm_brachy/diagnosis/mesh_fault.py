@@ -24,7 +24,8 @@ MATERIAL = 0.5
 class MeshFault:
     """gain : evidence;  error : cause.Estimate [m], rms of the motion a better mesh changes
 
-    share : rms of what it changes in all streams, in standard deviations of a single state
+    share : rms of what it changes in all streams beside what calibration takes up (forces 6 % off
+        are another modulus), in standard deviations of a single state
     """
 
     gain: float
@@ -53,21 +54,25 @@ def mesh_fault(matched, physics):
 
     physics : evidence for the best of all causes beside what any mesh may be wrong by: what
         explains more is no fault of the mesh
-    If it is at fault, the systematic columns of the nuisances are let go as far as they want.
+    If another mesh is worth it, the systematic columns of the nuisances are let go as far as they
+    want.
     """
     U, names = stacked_nuisances(matched)
     r, better = np.concatenate([m.r for m in matched]), np.isin(names, SYSTEMATIC)
     gain = log_density(U, r) - log_density(U[:, ~better], r)
     if gain < max(AT_FAULT, physics):
         return None
-    for m in matched:
-        m.loosen(SYSTEMATIC, ALLOWED)
     U = np.where(better, ALLOWED, 1.0) * U
     fit = posterior(U, r)
     part = np.where(better, fit.mean, 0.0)
-    moved = U @ part
-    return MeshFault(float(gain), _error(matched, fit, part, moved),
-                     float(np.sqrt(np.mean(moved**2))))
+    moved, other = U @ part, U[:, ~better]
+    left = moved - other @ posterior(other, moved).mean
+    found = MeshFault(float(gain), _error(matched, fit, part, moved),
+                      float(np.sqrt(np.mean(left**2))))
+    if found.material:
+        for m in matched:
+            m.loosen(SYSTEMATIC, ALLOWED)
+    return found
 
 
 def _error(matched, fit, part, moved):
