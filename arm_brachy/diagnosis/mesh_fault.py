@@ -40,8 +40,9 @@ class MeshFault:
     @property
     def note(self):
         """A sentence on a mesh that is good enough."""
-        return (f'A finer mesh would change positions by {1e3 * self.error.value:.3f} mm (rms), '
-                f'{100 * self.share:.0f} % of what a single state can tell; that is allowed for.')
+        return (f'A finer mesh would change positions by {1e3 * self.error.value:.3f} mm (rms); '
+                f'what calibration does not take up of that and of the forces is '
+                f'{100 * self.share:.0f} % of what a single state can tell, and is allowed for.')
 
     def cause(self):
         """The cause.Cause 'discretisation'."""
