@@ -9,7 +9,7 @@ from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.assembly import features_of, structured_tests
 from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
 from arm_brachy.diagnosis.held_out import stacked
-from arm_brachy.diagnosis.law_error import by_channel, law_of
+from arm_brachy.diagnosis.law_error import law_errors, law_of
 from arm_brachy.diagnosis.model_error import Accuracy
 
 
@@ -40,12 +40,15 @@ class FullFits:
         tests, _ = structured_tests([
             (part.observables, {name: values[kept] for name, values in features_of(m).items()})
             for part, m, kept in zip(parts, self._assembly.matched, found.kept, strict=False)])
-        effect = np.concatenate([part.r - residual for part, residual in
-                                 zip(parts, found.refit.residual, strict=True)])
+        law = law_of(found.hypotheses, self._law)
+        sizes = [law * (part.r - residual) for part, residual in
+                 zip(parts, found.refit.residual, strict=True)]
         U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts])])
-        return self._scan(U, np.concatenate([part.named for part in parts]), tests, effect,
-                          [part.observables for part in parts],
-                          law_of(found.hypotheses, self._law))
+        pushes = [pushes_of(m)[kept] for m, kept in
+                  zip(self._assembly.matched, found.kept, strict=False)]
+        errors = law_errors([part.observables for part in parts], pushes, sizes)
+        return self._scan(np.hstack([U, errors]), np.concatenate([part.named for part in parts]),
+                          tests, np.concatenate(sizes))
 
     def gone(self, candidate):
         """True if a cause of it may be nothing at all once its numbers are fitted in full.
@@ -62,16 +65,21 @@ class FullFits:
         """The Scan of what the linear answer leaves."""
         problem, found = self._assembly.problem, candidate.explanations
         law = law_of([self._assembly.hypothesis_of(e)[0] for e in found], self._law)
-        columns = np.hstack([e.columns for e in found])
-        return self._scan(np.hstack([problem.U, columns]), problem.r, problem.tests,
-                          columns @ candidate.mean,
-                          [m.observables for m in self._assembly.matched], law)
+        columns, matched = np.hstack([e.columns for e in found]), self._assembly.matched
+        size = law * (columns @ candidate.mean)
+        errors = law_errors([m.observables for m in matched], [pushes_of(m) for m in matched],
+                            np.split(size, np.cumsum([len(m.r) for m in matched])[:-1]))
+        return self._scan(np.hstack([problem.U, columns, errors]), problem.r, problem.tests, size)
 
-    def _scan(self, U, r, tests, effect, observables, law):
-        """The Scan beside U of r (N,) with an effect (N,) in it that is known to a share, law."""
-        U = np.hstack([U, by_channel(observables, law * effect)])
-        weight = 1.0 / np.sqrt(1.0 + np.square(law * effect))
+    def _scan(self, U, r, tests, size):
+        """The Scan beside U of r (N,) with an effect in it that rows have wrong by size (N,)."""
+        weight = 1.0 / np.sqrt(1.0 + np.square(size))
         return scan(weight[:, None] * U, weight * r, weight[:, None] * tests, self._rng)
+
+
+def pushes_of(m):
+    """Travel (n, p) [m] of the pads at the states of a Matched."""
+    return m.baseline.path.at(m.baseline.t)
 
 
 def _may_be_nothing(strength, estimate):

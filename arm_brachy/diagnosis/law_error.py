@@ -39,10 +39,12 @@ def by_channel(observables, values):
     return out
 
 
-def _errors(data, sizes):
-    """Columns (N, c): errors of sizes (N,), a part each recording, steady and with every push."""
-    observables = [one.observables for one in data]
-    pushes = [one.baseline.path.at(one.baseline.t) for one in data]
+def law_errors(observables, pushes, sizes):
+    """Return columns (N, c): errors of sizes (N,) that are steady, and that grow with every push.
+
+    observables : Observables of each recording, whose rows follow each other in N
+    pushes : (n, p) [m] of the pads at the states of each;  sizes : whitened, parts of N
+    """
     deepest = np.max([np.abs(q).max(axis=0) for q in pushes], axis=0)
     grown = [np.concatenate([one.times(part, q[:, p] / deepest[p]) for one, part, q in
                              zip(observables, sizes, pushes, strict=True)])
@@ -64,7 +66,9 @@ def widened(found, data, factor, law):
         shown = one.baseline.shown
         plain = one.observables.residual({**shown, FORCE: factor * shown[FORCE]})
         effect.append(plain - residual)
-    errors = _errors(data, [law * part for part in effect])
+    errors = law_errors([one.observables for one in data],
+                        [one.baseline.path.at(one.baseline.t) for one in data],
+                        [law * part for part in effect])
     pulls, first = 0.0, 0
     for one, columns in zip(data, found.columns, strict=True):
         rows = slice(first, first + len(columns))
