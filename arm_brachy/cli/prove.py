@@ -1,17 +1,25 @@
 """`arm-brachy prove`: the sealed blind trial of the diagnosis, by anyone, on any machine."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import click
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from arm_brachy.cli.output import console, errors, json_option, show_table, summary
+from arm_brachy.cli.output import (
+    console,
+    errors,
+    json_option,
+    refuse_missed,
+    show_table,
+    summary,
+)
 from arm_brachy.core.paths import run_dir
 from arm_brachy.prove import oracle, recovery, rivals, totals, trial
 from arm_brachy.prove.answering import ABSOLUTE, LIMIT, NULL
 from arm_brachy.prove.folder import TrialFolder
-from arm_brachy.prove.report import in_mode, report
+from arm_brachy.prove.report import report
 from arm_brachy.prove.workers import Workers
 
 SOURCE, SIGNALS = 'arm_brachy.prove.source', 'arm_brachy.prove.signals'
@@ -43,7 +51,7 @@ def prove(cases, beacon, mode, workers, cluster, limit_s, baselines, out, json_f
 
     A generator that shares nothing with the diagnosis makes recordings with an effect concealed
     in them, publishes hashes of what it is, and has each diagnosed by a process that can read
-    that recording alone.
+    that recording alone. Exit status 1 if a goal is missed.
 
     \b
     Example:
@@ -80,7 +88,10 @@ def prove(cases, beacon, mode, workers, cluster, limit_s, baselines, out, json_f
 
 def _show(result, modes, folder):
     for mode in modes:
-        rows = in_mode([row for row in result.rows if 'mode' in row], mode)
-        show_table(summary(f'blind trial, mode {mode}', totals.shares(rows)))
+        rows = totals.in_mode([row for row in result.rows if 'mode' in row], mode)
+        goals = tuple(goal for goal in result.targets if goal.name.startswith(mode))
+        show_table(replace(summary(f'blind trial, mode {mode}', totals.shares(rows)),
+                           targets=goals))
     console.print(f'report    {folder / "index.html"}')
     console.print(f'result    {folder / "result.json"}')
+    refuse_missed([result])

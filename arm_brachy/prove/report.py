@@ -1,20 +1,18 @@
-"""The report of a trial: one Result, the README's lines, confusion matrices, an index page."""
-
-import html
+"""The report of a trial: one Result, the README's lines, confusion matrices, pages."""
 
 import numpy as np
 
-from arm_brachy.evaluation.page import number
 from arm_brachy.evaluation.result import Result
 from arm_brachy.evaluation.style import OURS, Plate, new_figure, styled
-from arm_brachy.experiments.blind_trials import cell
 from arm_brachy.experiments.diagnosis_score import RECALIBRATED
 from arm_brachy.prove import totals
-from arm_brachy.prove.answering import ABSOLUTE, SUPPLIED
+from arm_brachy.prove.answering import SUPPLIED
 from arm_brachy.prove.curves import curves_plate
 from arm_brachy.prove.folder import write_json
 from arm_brachy.prove.outcome import ABSTAINED, FAILED, RIGHT, SILENT, outcome
+from arm_brachy.prove.pages import case_page, index_page
 from arm_brachy.prove.score import first_said, score
+from arm_brachy.prove.totals import cell, in_mode
 from arm_brachy.registry import TERMS
 
 NAME = 'blind-trial'
@@ -22,11 +20,10 @@ NOTHING = 'nothing'
 OTHERS = 'two or more'
 SAYABLE = {term.spec.name for term in TERMS}
 LAST = (SILENT, ABSTAINED, FAILED)
-PICTURES = {'confusion': 'confusion matrix', 'curves': 'power over size, risk over coverage'}
 
 
 def report(folder, begun, truths, records, extras, *, frozen, baselines=()):
-    """Write result.json, table.md, confusion- and curves-MODE.png, index.html; returns the Result.
+    """Write result.json, table.md, confusion- and curves-MODE.png, pages; returns the Result.
 
     folder : TrialFolder;  begun : as `trial.begin`;  truths, records : as `trial.run`
     extras : (mode, case) -> columns of score.EXTRAS;  frozen : the program stayed the same
@@ -38,15 +35,21 @@ def report(folder, begun, truths, records, extras, *, frozen, baselines=()):
                     (*rows, *_sums(rows, begun['modes']), *baselines),
                     _targets(rows, begun['modes']))
     result.to_json(folder / 'result.json')
-    tables = [markdown(rows, begun['modes']), *([baseline_lines(baselines)] if baselines else [])]
-    (folder / 'table.md').write_text('\n\n'.join(tables) + '\n', encoding='utf-8')
+    tables = [('Over all, with 95 % intervals (Wilson)', markdown(rows, begun['modes']))]
+    if baselines:
+        tables.append(('Five simple ways to answer, on the same cases', baseline_lines(baselines)))
+    (folder / 'table.md').write_text('\n\n'.join(text for _, text in tables) + '\n',
+                                     encoding='utf-8')
     for mode in begun['modes']:
         cells = confusion(truths, records, mode)
         confusion_plate(cells, mode).save(folder / f'confusion-{mode}.png')
         curves_plate(in_mode(rows, mode), mode).save(folder / f'curves-{mode}.png')
         write_json(folder / f'confusion-{mode}.json',
                    [{'planted': a, 'said': b, 'count': n} for (a, b), n in cells.items()])
-    index_page(folder, rows, begun, frozen)
+    for row in rows:
+        case_page(folder, row, begun, as_asked(truths[row['case']], row['mode']),
+                  records[row['mode'], row['case']])
+    index_page(folder, rows, begun, frozen, tables, result.targets)
     return result
 
 
@@ -55,17 +58,11 @@ def as_asked(truth, mode):
     return {**truth, 'kind': SUPPLIED, 'alike': [], 'withheld': []} if mode == SUPPLIED else truth
 
 
-def in_mode(rows, mode):
-    """The rows of a mode of the trial; what was supplied belongs to the absolute one."""
-    return [row for row in rows if row['mode'] == mode
-            or mode == ABSOLUTE and row['mode'] == SUPPLIED]
-
-
 def _sums(rows, modes):
     for mode in modes:
         some = in_mode(rows, mode)
         for one in (*totals.shares(some), *totals.power(some), *totals.per_term(some),
-                    *totals.medians(some), *totals.risk_coverage(some)):
+                    *totals.per_solver(some), *totals.medians(some), *totals.risk_coverage(some)):
             yield {'over_all': mode, **one}
 
 
@@ -133,55 +130,3 @@ def confusion_plate(cells, mode):
     axes.set_ylabel('planted')
     axes.set_title(f'Blind trial, mode {mode}')
     return Plate(f'confusion-{mode}', figure, 'Numbers are cases; shades are shares of a line.')
-
-
-HEAD = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>Blind trial</title><style>
-body { font: 15px/1.5 system-ui, sans-serif; color: #22303c; max-width: 1120px; margin: 2em auto; }
-table { border-collapse: collapse; font-size: 13px; } td, th { padding: 4px 9px; text-align: left;
-border-bottom: 1px solid #dde3e8; } img { max-width: 100%; } .wrong, .failed { color: #b3261e; }
-</style></head><body>
-"""
-
-
-def index_page(folder, rows, begun, frozen):
-    """Write index.html: totals, confusion matrices, and a line for every answer with its page."""
-    parts = [HEAD, '<h1>Blind trial</h1>', f'<p>{html.escape(_words(rows, begun, frozen))}</p>']
-    table = [line.strip('|').split('|') for line in markdown(rows, begun['modes']).splitlines()]
-    parts.append(_table(table[0], [[html.escape(c) for c in line] for line in table[2:]]))
-    parts += [f'<p><img src="{name}-{mode}.png" alt="{what}, {mode}"></p>'
-              for mode in begun['modes'] for name, what in PICTURES.items()]
-    columns = ('case', 'mode', 'planted', 'size', 'outcome', 'said', 'sd', 'page')
-    parts.append(_table(columns, [_line(folder, row) for row in rows]))
-    path = folder / 'index.html'
-    path.write_text('\n'.join([*parts, '</body></html>\n']), encoding='utf-8')
-    return path
-
-
-def _words(rows, begun, frozen):
-    open_ = not all(row['confined'] for row in rows)
-    begun_again = sum(row['begun'] > 1 for row in rows)
-    return ' '.join((
-        f'Detector {begun["commit"]}, {begun["machine"]}, {len(rows)} answers.',
-        '' if frozen else 'The program changed while answers were given: this is no blind trial.',
-        'This kernel has no Landlock: the detector could have looked elsewhere.' if open_ else
-        'Each answer was given by a process that could read its case and the program alone.',
-        f'{begun_again} answers were begun again after the trial was interrupted.'
-        if begun_again else ''))
-
-
-def _line(folder, row):
-    page = folder.page(row['mode'], row['case'])
-    there = page.is_file()
-    link = f'<a href="{page.relative_to(folder.path)}">page</a>' if there else '-'
-    word = row['outcome']
-    return [row['case'], row['mode'], html.escape(row['planted']), number(row['size']),
-            f'<span class="{word}">{word}</span>', html.escape(row['said']),
-            number(row['detectability_sd'], 0), link]
-
-
-def _table(head, lines):
-    cells = ''.join(f'<th>{html.escape(str(c))}</th>' for c in head)
-    body = '\n'.join('<tr>' + ''.join(f'<td>{c}</td>' for c in line) + '</tr>' for line in lines)
-    return f'<table><tr>{cells}</tr>\n{body}</table>'
-

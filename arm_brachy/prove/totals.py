@@ -4,8 +4,8 @@ import numpy as np
 from scipy.stats import binomtest
 
 from arm_brachy.evaluation.result import Target
-from arm_brachy.prove.answering import SUPPLIED
-from arm_brachy.prove.outcome import ABSTAINED, RIGHT, SILENT
+from arm_brachy.prove.answering import ABSOLUTE, SUPPLIED
+from arm_brachy.prove.outcome import ABSTAINED, FAILED, RIGHT, SILENT
 from arm_brachy.prove.plan import CONFOUNDED, NULL, PAIR, SINGLE, STRANGE
 
 BINS = ((0.2, 0.5), (0.5, 1.0), (1.0, 2.0))     # of the typical size
@@ -25,6 +25,26 @@ def share(what, rows, counts):
     ends = binomtest(hits, of).proportion_ci(LIKELY, method='wilson')
     return {'what': what, 'count': hits, 'of': of, 'share_percent': 100.0 * hits / of,
             'low_percent': 100.0 * float(ends.low), 'high_percent': 100.0 * float(ends.high)}
+
+
+def in_mode(rows, mode):
+    """The rows of a mode of the trial; what was supplied belongs to the absolute one."""
+    return [row for row in rows if row['mode'] == mode
+            or mode == ABSOLUTE and row['mode'] == SUPPLIED]
+
+
+def cell(row):
+    """A share with its 95 % interval (Wilson) or a median, as `prove.totals` makes them.
+
+    '-' where there was nothing to count.
+    """
+    if not row['of']:
+        return '-'
+    if 'median' in row:
+        unit = '' if row['unit'] == '1' else f' {row["unit"]}'
+        return f'{row["median"]:.2g}{unit} (of {row["of"]})'
+    return (f'{row["count"]} of {row["of"]}: {row["share_percent"]:.0f} % '
+            f'({row["low_percent"]:.0f} to {row["high_percent"]:.0f})')
 
 
 def of_kind(rows, *kinds):
@@ -49,7 +69,7 @@ def shares(rows):
         ('top-1, all singles', singles, lambda r: r['top_1']),
         ('top-3, all singles', singles, lambda r: r['top_3']),
         ('false alarms, nulls', of_kind(rows, NULL), lambda r: r['outcome'] != SILENT),
-        ('wrong claims, all cases', rows, lambda r: r['wrong']),
+        ('wrong claims, or no answer', rows, lambda r: r['wrong'] or r['outcome'] == FAILED),
         ('pairs, both', pairs, lambda r: r['outcome'] == RIGHT),
         ('pairs, at least one', pairs, lambda r: r['one_right']),
         ('out of catalogue, abstains', strange, lambda r: r['outcome'] == ABSTAINED),
@@ -64,7 +84,7 @@ def shares(rows):
          lambda r: r['parameter_right']),
         ('parameter in its 90 % interval, of those found', told('interval_holds'),
          lambda r: r['interval_holds']),
-        ('no answer: crashed or timed out', rows, lambda r: r['outcome'] == 'failed')))
+        ('no answer: crashed or timed out', rows, lambda r: r['outcome'] == FAILED)))
 
 
 def _abstains_rightly(row):
@@ -100,7 +120,7 @@ def power(rows):
     singles, lines = of_kind(rows, SINGLE), []
     for low, high in BINS:
         some = [row for row in singles if low <= row['size'] < high or row['size'] == high == 2.0]
-        for what, counts in (('noticed', lambda r: r['outcome'] not in (SILENT, 'failed')),
+        for what, counts in (('noticed', lambda r: r['outcome'] not in (SILENT, FAILED)),
                              ('named', lambda r: r['top_1'])):
             lines.append(share(f'{what}, {low:g} to {high:g} of the typical size', some, counts))
     return tuple(lines)
@@ -114,12 +134,22 @@ def per_term(rows):
                  for name in sorted({row['planted'] for row in singles}))
 
 
+def per_solver(rows):
+    """What depends on who made the truth: named singles and alarms of nulls, per truth solver."""
+    solvers = sorted({row['solver'] for row in rows})
+    for what, kind, counts in (('top-1, all singles', SINGLE, lambda r: r['top_1']),
+                               ('false alarms, nulls', NULL, lambda r: r['outcome'] != SILENT)):
+        for solver in solvers:
+            some = [row for row in of_kind(rows, kind) if row['solver'] == solver]
+            yield share(f'{what}: truth by {solver}', some, counts)
+
+
 def risk_coverage(rows):
     """Rows of coverage and risk: claims in order of confidence, share of them that are wrong.
 
     Silence and abstention claim nothing and are no part of it.
     """
-    claims = sorted((r for r in rows if r['outcome'] not in (SILENT, ABSTAINED, 'failed')),
+    claims = sorted((r for r in rows if r['outcome'] not in (SILENT, ABSTAINED, FAILED)),
                     key=lambda r: -r['confidence'])
     wrong = np.cumsum([row['wrong'] for row in claims])
     return tuple({'coverage_percent': 100.0 * (k + 1) / len(rows),
@@ -131,10 +161,10 @@ def risk_coverage(rows):
 GOALS = {
     'top-1, identifiable singles': (90.0, 95.0, True),
     'false alarms, nulls': (2.0, 1.0, False),
-    'wrong claims, all cases': (3.0, 2.0, False),
+    'wrong claims, or no answer': (3.0, 2.0, False),
     'pairs, at least one': (93.0, 97.0, True),
     'out of catalogue, in the right place and time': (70.0, 80.0, True),
-    'confounded, class holds it and names a recording': (90.0, 90.0, True),
+    'confounded, class holds it and names a recording': (90.0, 95.0, True),
 }
 LIMITS = {'error of place': (6.0, 4.0, False), 'error of parameters': (20.0, 10.0, False),
           'held-out recovery': (0.8, 0.9, True)}

@@ -9,6 +9,7 @@ def cause(term, option=0, probability=1.0, parameters=None):
 def answer(verdict, *causes, **other):
     return {'verdict': verdict, 'causes': list(causes), 'alternatives': [], 'where': [],
             'when': [], 'recalibrated': {}, 'fit': [], 'next_experiment': None,
+            'sentence': 'A sentence.',
             'chance_of_what_is_left': 0.5, **other}
 
 

@@ -17,7 +17,8 @@ ANSWERS = (answer('named', cause('backlash')), answer('nothing_missing'), None,
            answer('named', cause('backlash'), cause('gravity')))
 RECORDS = {('absolute', case): record(given, case=case)
            for case, given in zip(TRUTHS, ANSWERS, strict=True)}
-BEGUN = {'commit': 'abc', 'machine': 'one', 'modes': ['absolute']}
+BEGUN = {'commit': 'abc', 'machine': 'one', 'modes': ['absolute'],
+         'cases': 4, 'beacon': 'drawn on Friday'}
 
 
 def test_a_finished_trial_leaves_result_table_pictures_and_an_index(tmp_path):
@@ -32,9 +33,12 @@ def test_a_finished_trial_leaves_result_table_pictures_and_an_index(tmp_path):
     for name in ('confusion', 'curves'):
         assert (tmp_path / f'{name}-absolute.png').read_bytes()[1:4] == b'PNG'
     index = (tmp_path / 'index.html').read_text()
-    assert 'href="pages/absolute/case_000.html"' in index
+    assert 'href="cases/absolute/case_000.html"' in index
     assert index.count('<tr>') > 4 + 10
     assert 'no blind trial' not in index
+    assert '3 of 7 goals met' in index
+    for case in TRUTHS:
+        assert (tmp_path / 'cases' / 'absolute' / f'{case}.html').is_file()
     met = {goal.name: goal.met for goal in result.targets}
     assert met['absolute: pairs, at least one'] is True
     assert met['absolute: held-out recovery, median'] is False

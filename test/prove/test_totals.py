@@ -45,7 +45,7 @@ def test_shares_count_what_they_say():
     assert found['top-1, identifiable singles'] == (1, 1)
     assert found['top-1, all singles'] == (2, 3)
     assert found['false alarms, nulls'] == (2, 3)       # a crash on a null is no clean bill
-    assert found['wrong claims, all cases'] == (1, 6)
+    assert found['wrong claims, or no answer'] == (2, 6)   # a crash claims nothing good
     assert found['no answer: crashed or timed out'] == (1, 6)
     assert found['pairs, both'] == (0, 0)
 
@@ -67,3 +67,15 @@ def test_goals_are_met_missed_or_open():
     assert met['absolute: top-1, identifiable singles'] is True
     assert met['absolute: false alarms, nulls'] is False
     assert met['absolute: pairs, at least one'] is None
+
+
+def test_truths_of_two_solvers_are_counted_apart():
+    rows = [{'kind': kind, 'solver': solver, 'top_1': right, 'outcome': outcome}
+            for kind, solver, right, outcome in (
+                ('single', 'a', True, 'right'), ('single', 'a', False, 'silent'),
+                ('single', 'b', True, 'right'), ('null', 'b', False, 'wrong'))]
+    found = {one['what']: (one['count'], one['of']) for one in totals.per_solver(rows)}
+    assert found == {'top-1, all singles: truth by a': (1, 2),
+                     'top-1, all singles: truth by b': (1, 1),
+                     'false alarms, nulls: truth by a': (0, 0),
+                     'false alarms, nulls: truth by b': (1, 1)}

@@ -20,9 +20,9 @@ data = json.loads((bag / 'data.json').read_text())
 causes = [{'term': name, 'option': 0, 'probability': 1.0, 'parameters': {}}
           for name in data['label'] if name != 'strange_thing']
 verdict = 'named' if causes else 'unexplained' if data['label'] else 'nothing_missing'
-answer = {'verdict': verdict, 'causes': causes, 'where': [], 'when': [], 'alternatives': [],
-          'recalibrated': {}, 'next_experiment': None, 'chance_of_what_is_left': None,
-          'bags': sys.argv.index('--scene') - 1}
+answer = {'verdict': verdict, 'sentence': 'So.', 'causes': causes, 'where': [], 'when': [],
+          'alternatives': [], 'recalibrated': {}, 'next_experiment': None,
+          'chance_of_what_is_left': None, 'bags': sys.argv.index('--scene') - 1}
 SPOIL
 pathlib.Path('answer.json').write_text(json.dumps(answer))
 """
