@@ -142,23 +142,30 @@ HANDLERS = (
     (graph.MODEL_POINTS, _on_points), (graph.TRUTH_TOPOLOGY, _on_topology),
     (graph.TRUTH_POSITIONS, _on_positions), (graph.TASK, _on_task),
     (graph.OUTCOME, _on_outcome))
+MEASURED = (graph.ACTUATORS, graph.COMMAND, graph.EM_POSE, graph.EM_STATUS, graph.OPTICAL,
+            graph.WRENCH)
 
 
 def _handler(name):
     return next((h for topic, h in HANDLERS if topic.matches(name.lstrip('/'))), None)
 
 
-def _tally(bag):
-    """One pass over an open BagReader; of the answers to ticks only the last are decoded."""
+def _tally(bag, topics=None):
+    """One pass over an open BagReader; of the answers to ticks only the last are decoded.
+
+    topics : of graph.Topic, None = all
+    """
     tally, last_done = _Tally(), {}
-    done = {n for n in bag.topics() if graph.TICK_DONE.matches(n.lstrip('/'))}
+    names = {n for n in bag.topics()
+             if topics is None or any(topic.matches(n.lstrip('/')) for topic in topics)}
+    done = {n for n in names if graph.TICK_DONE.matches(n.lstrip('/'))}
     for record in bag.records(sorted(done)) if done else ():
         tally.stamps[record.topic].append(record.log_time_ns * 1e-9)
         last_done[record.topic] = record.log_time_ns
     for name, when in last_done.items():
         for _, msg in bag.messages([name], start_ns=when):
             _on_done(tally, name, when, msg)
-    rest = sorted(set(bag.topics()) - done)
+    rest = sorted(names - done)
     for record, msg in bag.messages(rest) if rest else ():
         t = (stamp_ns(msg) if hasattr(msg, 'header') else record.log_time_ns) * 1e-9
         tally.stamps[record.topic].append(t)
@@ -181,10 +188,14 @@ def recorded_cell(bag, folder):
         raise ConfigError(f'{bag}: {error}') from None
 
 
-def load_run(bag):
-    """Read a bag (path) as evaluation.timeseries.RunData. Raises RecordingError."""
+def load_run(bag, *, measured=False):
+    """Read a bag (path) as evaluation.timeseries.RunData. Raises RecordingError.
+
+    measured : read what a real cell would have published and leave the rest on the disk: meshes of
+        a simulated recording take a hundred times the memory of its sensors
+    """
     with BagReader(bag) as reader:
-        tally = _tally(reader)
+        tally = _tally(reader, MEASURED if measured else None)
         origin = reader.metadata().get(PROVENANCE, {})
         kinds = {name: topic.type for name, topic in reader.topics().items()}
         files = reader.attachments()

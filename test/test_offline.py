@@ -135,6 +135,21 @@ def test_forces_with_a_dropout_keep_their_times(tmp_path):
     np.testing.assert_array_equal(run.force.values[:, 0, 0], [0.0, 1.0, np.nan, 3.0, 4.0])
 
 
+def test_of_what_is_measured_no_truth_is_read(block, tmp_path):
+    """A diagnosis reads sensors only: meshes of a long simulated recording stay on the disk."""
+    encoder = encode.Encoder()
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/actuators/state', encode.JOINT_STATE)
+        bag.add_topic('/force/press/wrench', encode.WRENCH)
+        bag.add_topic('/truth/pads', 'arm_brachy_msgs/msg/PadState')
+        bag.write('/actuators/state', encoder.joint_state(0, 'world', ['press'], [0.001]), 0)
+        bag.write('/force/press/wrench', encoder.wrench(0, 'world', [1.0, 0.0, 0.0]), 0)
+        bag.write('/truth/pads', b'no message at all', 0)
+    run = offline.load_run(tmp_path / 'bag', measured=True)
+    assert (len(run.encoder), run.force_pads, run.pad_displacement) == (1, ('press',), None)
+    assert [topic.name for topic in run.topics] == ['/actuators/state', '/force/press/wrench']
+
+
 def two_pads(cell):
     """The scene with a second pad, 'another'."""
     second = dataclasses.replace(cell.scene.pads[0], name='another')

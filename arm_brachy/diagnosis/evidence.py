@@ -66,7 +66,8 @@ def load_evidence(bags, scene):
     to a lower rate, which their notes say. Raises RecordingError.
     """
     bags = list(bags)
-    return tuple(evidence_of(load_run(bag), scene, samples=SAMPLES // len(bags)) for bag in bags)
+    return tuple(evidence_of(load_run(bag, measured=True), scene, samples=SAMPLES // len(bags))
+                 for bag in bags)
 
 
 def evidence_of(run, scene, *, samples=SAMPLES):
@@ -82,6 +83,7 @@ def evidence_of(run, scene, *, samples=SAMPLES):
     """
     notes = []
     base = _base_force(run)
+    _note_strange_sensors(run, scene, notes)
     run = with_scene(run, scene)
     found = [_encoder(run), _force(run, notes), _optical(run, scene, notes),
              _em(run, scene, notes)]
@@ -97,6 +99,14 @@ def evidence_of(run, scene, *, samples=SAMPLES):
     if base is not None:
         base = _fit_in(_in_order(base, run.name, notes), samples, notes)
     return Evidence(run.name, scene, pad_directions(scene), streams, base, tuple(notes))
+
+
+def _note_strange_sensors(run, scene, notes):
+    known = {BASE_WRENCH, *(pad.name for pad in scene.pads)}
+    strange = [name for name in run.force_pads if name not in known]
+    if strange:
+        notes.append('force sensors that the scene has no pad for were left out: '
+                     f'{", ".join(strange)}.')
 
 
 def _encoder(run):

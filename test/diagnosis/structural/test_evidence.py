@@ -117,6 +117,15 @@ def test_some_streams_are_enough(run, scene):
     assert set(evidence_of(bare, scene).streams) == {ENCODER, FORCE}
 
 
+def test_a_force_sensor_on_no_pad_is_left_out_with_a_note(run, scene):
+    """The wrench of a probe, for one: it belongs to no pad and not to the base."""
+    values = np.concatenate([run.force.values, run.force.values[:, :1]], axis=1)
+    found = evidence_of(replace(run, force=Series(run.force.t, values),
+                                force_pads=(*run.force_pads, 'probe')), scene)
+    assert found.get(FORCE).names == run.force_pads
+    assert 'force sensors that the scene has no pad for were left out: probe.' in found.notes
+
+
 def test_a_balance_under_the_base_is_kept(run, scene):
     values = np.concatenate([run.force.values, -run.force.values.sum(axis=1, keepdims=True)],
                             axis=1)
@@ -235,7 +244,7 @@ def test_long_recordings_are_averaged_to_a_bounded_number_of_samples(run, scene)
 
 
 def test_many_recordings_share_the_memory(monkeypatch, run, scene):
-    monkeypatch.setattr(module, 'load_run', lambda bag: run)
+    monkeypatch.setattr(module, 'load_run', lambda bag, measured: run)
     monkeypatch.setattr(module, 'SAMPLES', 10_000)
     found = load_evidence(['bag'] * 100, scene)
     assert len(found) == 100
