@@ -59,10 +59,14 @@ def _ros_text(value):
     return json.dumps(value) if isinstance(value, (bool, str)) else str(value)
 
 
-def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0):
-    """The processes of a full run of a scenario, recorded into folder `bag`."""
-    names = [n for n in graph.cell_of(cell.scenario)
-             if cell.scenario.pace == 'lockstep' or n != 'cell_clock']
+def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0, watch=False):
+    """The processes of a full run of a scenario, recorded into folder `bag`.
+
+    watch : the model and the monitor that compares it with the sensors run beside the cell
+    """
+    wanted = {*graph.cell_of(cell.scenario), *(n.name for n in graph.COMPARISON if watch)}
+    names = [n.name for n in graph.NODES if n.name in wanted
+             and (cell.scenario.pace == 'lockstep' or n is not graph.CELL_CLOCK)]
     common = {'scenario': str(scenario_path), 'peers': names}
     extra = {'cell_clock': {'speed_limit': float(speed_limit)}, 'recorder': {'output': str(bag)}}
     return [NodeProcess(n, {**common, **extra.get(n, {})}) for n in names]

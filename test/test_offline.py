@@ -147,7 +147,7 @@ def test_of_what_is_measured_no_truth_is_read(block, tmp_path):
         bag.write('/truth/pads', b'no message at all', 0)
     run = offline.load_run(tmp_path / 'bag', measured=True)
     assert (len(run.encoder), run.force_pads, run.pad_displacement) == (1, ('press',), None)
-    assert [topic.name for topic in run.topics] == ['/actuators/state', '/force/press/wrench']
+    assert [topic.topic for topic in run.topics] == ['/actuators/state', '/force/press/wrench']
 
 
 def two_pads(cell):

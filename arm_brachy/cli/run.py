@@ -38,20 +38,25 @@ out_option = click.option('--out', type=click.Path(), metavar='FOLDER',
 @out_option
 @click.option('--speed-limit', default=0.0, type=click.FloatRange(0.0), metavar='FACTOR',
               help='Simulated seconds per second; default: as fast as possible.')
+@click.option('--watch', is_flag=True,
+              help='Also run tissue_model and mismatch_monitor: which channel departs from the '
+                   "model is on /diagnostics and among the report's outcomes.")
 @json_option
-def run(scenario, out, speed_limit, json_file):
+def run(scenario, out, speed_limit, watch, json_file):
     """Start the graph of a SCENARIO, record it, evaluate it.
 
     \b
     Example:
       arm-brachy run config/scenarios/target_1.yaml --out runs/target_1
+      arm-brachy run config/scenarios/probe_rich.yaml --watch
     """
     cell = load_cell(scenario)
     with new_folder(result_folder(out, cell.scenario.name)) as folder, \
             working('reading the scene'):
         _build(cell, 'plant', 'model')
         cells.build_actuators(cell, cell.scenario.actuators)
-    processes = launcher.cell_processes(cell, cell.path, folder / 'bag', speed_limit=speed_limit)
+    processes = launcher.cell_processes(cell, cell.path, folder / 'bag', speed_limit=speed_limit,
+                                        watch=watch)
     leader = graph.CELL_CLOCK if cell.scenario.pace == 'lockstep' \
         else graph.conductor_of(cell.scenario)
     said = _launch(processes, leader.name, folder, cell.scenario.name)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm_brachy import graph, inprocess
+from arm_brachy import graph, inprocess, offline
 from arm_brachy.offline import load_run, with_cell
 from arm_brachy.scenario import load_cell
 
@@ -46,6 +46,19 @@ def test_nodes_of_the_closed_loop_take_no_part_and_nothing_is_lost(probed):
                         if n not in ('cell_clock', 'recorder')}
     assert [(t.topic, len(t.stamps)) for t in run.topics if t.published is not None] == [
         (t.topic, t.published) for t in run.topics if t.published is not None]
+
+
+def test_a_watched_run_is_the_same_and_says_what_departs(probed, command_runner, tmp_path):
+    """The plant has an inclusion and 0.3 mm of backlash that the model does not have."""
+    done = command_runner('run', SCENARIO, '--watch', '--out', tmp_path / 'watched')
+    assert done.returncode == 0, done.stderr + done.stdout
+    plain, watched = (load_run(f / 'bag') for f in (probed[0], tmp_path / 'watched'))
+    assert plain.optical.points.tobytes() == watched.optical.points.tobytes()
+    assert plain.encoder.values.tobytes() == watched.encoder.values.tobytes()
+    said = {(o.node, o.outcome) for o in watched.outcomes}
+    assert said - {(o.node, o.outcome) for o in plain.outcomes} >= {
+        ('mismatch_monitor', 'DEPARTED')}
+    assert offline.recorded_prediction(tmp_path / 'watched' / 'bag') is not None
 
 
 def test_the_command_says_what_was_made(probed):
