@@ -124,6 +124,26 @@ def test_the_answer_becomes_a_page_and_a_scenario(stiffening, scene, tmp_path):
     assert terms == ['strain_stiffening']
 
 
+def test_the_next_recording_is_nearer_to_the_corrected_model(stiffening, record, scene, tmp_path):
+    """Pushes that the diagnosis has not seen; what differs beside the noise is gone."""
+    legs = (((0, 0, 0, 6), 10), ((0, 7, 0, 0), 10), ((6, 0, 4, 0), 10))
+    following, path = record((STIFFENING,), seed=5, name='next', legs=legs), path_of(legs)
+    cell = load_cell(write_corrected(
+        stiffening.diagnosis, base_scenario(SCENES / 'breast.yaml', 'breast', 7),
+        tmp_path / 'corrected.yaml'))
+    corrected = replace(scene, material=cell.model.material)
+
+    def left(one, terms, kind):
+        shown = ForwardModel(specimen_of(one), terms).predict(path, path.t).get(kind)
+        return np.sqrt(np.mean((following.get(kind).values - shown)**2))
+
+    for kind in (OPTICAL, FORCE):
+        before = left(scene, (), kind)
+        after = left(corrected, cell.model_terms, kind)
+        assert after < 1.1 * NOISE[kind]
+        assert after**2 - NOISE[kind]**2 < 0.2 * (before**2 - NOISE[kind]**2)
+
+
 def test_what_a_sound_recording_shows_as_well_is_no_fault(record):
     d = diagnose((record((PLAY,), seed=3),), source(), meshes=MESHES,
                  null=(record((PLAY,), seed=4, name='sound'),)).diagnosis
