@@ -6,6 +6,7 @@ from scipy.special import logsumexp
 from arm_brachy.diagnosis.cause import Estimate
 from arm_brachy.diagnosis.fitted import TO_90
 from arm_brachy.diagnosis.inference import detectability, posterior
+from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.occasion import intervals, shown_in
 from arm_brachy.diagnosis.statements import Alternative
 from arm_brachy.diagnosis.stream import OPTICAL
@@ -61,11 +62,17 @@ def split_rows(assembly, values):
             zip(assembly.matched, ends[:-1], ends[1:], strict=True)]
 
 
-def left_over(assembly, explanations):
-    """(N,) what is left of the residual with nuisances and explanations at their best."""
+def left_over(assembly, explanations, *, mesh=False):
+    """(N,) what is left of the residual with nuisances and explanations at their best.
+
+    mesh : what the mesh is wrong by is fitted, and left in
+    """
     problem = assembly.problem
     U = np.hstack([problem.U, *(e.columns for e in explanations)])
-    return problem.r - U @ posterior(U, problem.r).mean
+    best = posterior(U, problem.r).mean
+    if mesh:
+        best[:len(assembly.names)][np.isin(assembly.names, NAMES)] = 0.0
+    return problem.r - U @ best
 
 
 def unexplained(assembly, worst, left):

@@ -28,6 +28,7 @@ from arm_brachy.diagnosis.mesh_errors import ensemble_of
 from arm_brachy.diagnosis.modulus import modulus_ratio, scaled
 from arm_brachy.diagnosis.nuisances import Priors
 from arm_brachy.diagnosis.page import Shown
+from arm_brachy.diagnosis.partial_residuals import partials
 from arm_brachy.diagnosis.recorded import look
 from arm_brachy.diagnosis.shared_noise import shared_noise
 from arm_brachy.diagnosis.specimen import specimen_of
@@ -181,7 +182,8 @@ def _answer(judgement, found, looked, tests, provenance, ratio, left_out, reques
         apart=min((float(c.separation) for c in decision.equals), default=None),
         findings=tuple(f for one in looked for f in one.structure.findings), notes=tuple(notes))
     return Answer(diagnosis, Shown(body_of(scene, specimen.mesh),
-                                   traces(assembly, left if explanations else None)))
+                                   traces(assembly, explanations),
+                                   partials(assembly, explanations)))
 
 
 def _verdict(verdict, causes, fault, nameless):

@@ -183,4 +183,5 @@ def fit_plate(d):
     held_out = wording.listed(dict.fromkeys(one.held_out for one in d.fit if one.held_out) or [''])
     return Plate('fit', figure, (
         'Root mean square error per axis on what was not used for the fit'
-        + (f' ({held_out})' if held_out else '') + '. Green: what a perfect model would leave.'))
+        + (f' ({held_out})' if held_out else '') + '. Green: what a perfect model on a perfect '
+        'mesh would leave.'))

@@ -12,6 +12,7 @@ from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.held_out import Part
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.law_error import law_of, widened
+from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.motion import corners_of
 from arm_brachy.diagnosis.recording_fit import Data
 from arm_brachy.diagnosis.refit import Refit, refit
@@ -241,7 +242,8 @@ def tested_part(m, fitted, ratio):
 def _part(m, observables, kinds, U, plain, ratio, found):
     """The Part; plain : what the model shows without any term."""
     given = observables.difference({**plain, FORCE: plain[FORCE] / ratio})
-    return Part(observables, kinds, given, observables.residual(plain), U, m.own, *found)
+    return Part(observables, kinds, given, observables.residual(plain), U, m.own,
+                np.isin(m.nuisances.names, NAMES), *found)
 
 
 def _without_terms(m, encoder, t, shown):

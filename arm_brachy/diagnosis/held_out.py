@@ -17,6 +17,7 @@ class Part:
     observables : Observables;  kinds : (N,) labels
     given : (N,) measured less the scene as it came, SI;  r : (N,) whitened, less the model
     U : (N, k) whitened nuisances;  own : (k,) those that other recordings do not share
+    mesh : (k,) those of what a mesh may be wrong by
     named : (N,) r of the model with what was found, its numbers taken out to first order, and
     columns : (N, p) what these numbers do, at one prior standard deviation; None = nothing found
     """
@@ -27,6 +28,7 @@ class Part:
     r: np.ndarray
     U: np.ndarray
     own: np.ndarray
+    mesh: np.ndarray
     named: np.ndarray | None = None
     columns: np.ndarray | None = None
 
@@ -37,26 +39,36 @@ def stacked(parts):
     return np.hstack([own, np.vstack([part.U[:, ~part.own] for part in parts])])
 
 
+def _of_mesh(parts):
+    """(k,) which columns of `stacked` are of the mesh."""
+    return np.concatenate([*(part.mesh[part.own] for part in parts),
+                           parts[0].mesh[~parts[0].own]])
+
+
 def stream_fits(parts, tested=()):
     """statements.StreamFit of every stream that Part recordings hold.
 
     tested : (name, Part) of recordings that were not fitted, on which all errors are then
         taken; () = every kind of push of the fitted ones in turn
     Nothing of what is predicted is known beforehand, nuisances included: what a pad that is
-    pushed there alone has of its own is left in.
+    pushed there alone has of its own is left in. So is what the mesh is wrong by, which no model
+    that runs on it is without: it is allowed for when numbers are fitted, and predicts nothing.
     """
     every = (*parts, *(part for _, part in tested))
-    U, kinds = stacked(every), np.concatenate([part.kinds for part in parts])
+    U, mesh = stacked(every), _of_mesh(every)
+    kinds = np.concatenate([part.kinds for part in parts])
     folds = [kinds == kind for kind in np.unique(kinds)]
     if tested:
         folds = [np.repeat(np.arange(len(every)) >= len(parts), [len(p.r) for p in every])]
     asked = np.any(folds, axis=0)
     errors = {'as_given': np.concatenate([part.given for part in every]),
-              'recalibrated': _left(every, U, np.concatenate([p.r for p in every]), folds),
+              'recalibrated': _left(every, U, mesh, np.concatenate([p.r for p in every]), folds),
               'noise_floor': np.concatenate([part.observables.sd for part in every])}
     if parts[0].named is not None:
         whole = np.hstack([U, np.vstack([part.columns for part in every])])
-        errors['named'] = _left(every, whole, np.concatenate([p.named for p in every]), folds)
+        wide = np.pad(mesh, (0, whole.shape[1] - len(mesh)))
+        errors['named'] = _left(every, whole, wide, np.concatenate([p.named for p in every]),
+                                folds)
     streams = np.array([row.kind for part in every for row in part.observables.rows])
     held_out = ', '.join(name for name, _ in tested) or 'every kind of push in turn'
     return tuple(StreamFit(kind, **{name: _rms(values[asked & (streams == kind)])
@@ -69,11 +81,15 @@ def _rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _left(parts, U, r, folds):
-    """(N,) SI: what is left of r where each of `folds` (N,) is predicted from all but it."""
+def _left(parts, U, mesh, r, folds):
+    """(N,) SI: what is left of r where each of `folds` (N,) is predicted from all but it.
+
+    mesh : (k,) columns of U that are fitted and predict nothing
+    """
     out = np.zeros(len(r))
     for rows in folds:
-        out[rows] = r[rows] - U[rows] @ posterior(U[~rows], r[~rows]).mean
+        known = np.where(mesh, 0.0, posterior(U[~rows], r[~rows]).mean)
+        out[rows] = r[rows] - U[rows] @ known
     ends = np.cumsum([0, *(len(part.r) for part in parts)])
     return np.concatenate([part.observables.coloured(out[a:b]) for part, a, b in
                            zip(parts, ends[:-1], ends[1:], strict=True)])

@@ -36,7 +36,9 @@ MOST_REFINED = 5000     # elements up to which a mesh is halved for comparison: 
 PLACE = 0.04            # of the median edge: how far off a mesh has what surrounds a point, as
                         # its surface is off by a few hundredths of an edge (envelope of meshers)
 RIMS, ELEMENTS = 'rims', 'elements'
-SYSTEMATIC = (RIMS, ELEMENTS)       # names of columns of what a better mesh would change
+SYSTEMATIC = (RIMS, ELEMENTS)       # names of columns of what a better mesh would change,
+MEMBER, CHANNEL = 'member', 'channel'   # and of what one would that is as good
+NAMES = (*SYSTEMATIC, MEMBER, CHANNEL)
 LARGEST = 1.4           # standard deviations that the largest of the members counts for
 
 
@@ -193,7 +195,7 @@ def _shared(members, options):
     """What members have in common between channels."""
     share = np.sqrt(options.shared / len(members))
     for member in members:
-        yield from (('member', part) for part in _each_pad(share * member))
+        yield from ((MEMBER, part) for part in _each_pad(share * member))
 
 
 def _channels(off, moves, options):
@@ -208,4 +210,4 @@ def _channels(off, moves, options):
         for axis in range(3):
             alone = np.zeros(off.shape[1:])
             alone[c, axis, p] = sd[c, p]
-            yield 'channel', alone
+            yield CHANNEL, alone

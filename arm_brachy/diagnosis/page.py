@@ -11,6 +11,7 @@ from arm_brachy.core.quantity import UNITS, quantities
 from arm_brachy.core.scene import Material
 from arm_brachy.diagnosis import wording, words
 from arm_brachy.diagnosis.figures import fit_plate, when_plate, where_plate
+from arm_brachy.diagnosis.partial_residuals import partial_plate
 from arm_brachy.diagnosis.statements import edge_unit
 from arm_brachy.evaluation.body_place import Body
 from arm_brachy.evaluation.page import (
@@ -40,10 +41,14 @@ RECORDINGS = (Column('Recording', numeric=False), Column('Use', numeric=False),
 
 @dataclass(frozen=True)
 class Shown:
-    """What is drawn beside what is said. body : Body;  traces : figures.Trace each."""
+    """What is drawn beside what is said.
+
+    body : Body;  traces : figures.Trace each;  partials : partial_residuals.Partial each
+    """
 
     body: Body
     traces: tuple = ()
+    partials: tuple = ()
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,7 @@ def write_diagnosis(d, shown, out_html):
     """
     plates = {'where': where_plate(d, shown.body),
               'when': when_plate(d, shown.traces) if shown.traces else None,
+              'partial': partial_plate(shown.partials) if shown.partials else None,
               'fit': fit_plate(d) if d.fit else None}
     plates = {name: plate for name, plate in plates.items() if plate is not None}
     drawn = dict(zip(plates, pictures(plates.values()), strict=True))
@@ -80,6 +86,7 @@ def write_diagnosis(d, shown, out_html):
         kind='arm_brachy diagnosis: where simulation and recording differ, and why',
         heading=source.name, verdict=Verdict(MOODS[d.verdict], _typeset(d.sentence), _detail(d)),
         facts=_facts(d), where=drawn.get('where'), when=drawn.get('when'), fit=drawn.get('fit'),
+        partial=drawn.get('partial'),
         numbers={name: i + 1 for i, name in enumerate(drawn)},
         place_words=_first([_sentence(one.term, words.place(one)) for one in d.where]),
         when_words=_first([_sentence(one.term, words.interval(one, source.recordings))
@@ -109,10 +116,11 @@ def _facts(d):
         facts.append(Fact('Probability', wording.percent(min(c.probability for c in d.causes))))
     for one in d.fit:
         unit, scale = edge_unit(one.stream)
-        before, after, floor = wording.figures(
-            tuple(v / scale for v in (one.recalibrated, one.reached, one.noise_floor)))
-        change = after if one.named is None else f'{before} → {after}'
-        facts.append(Fact(f'Held-out error, {one.stream}', change, f'{unit} (noise {floor})'))
+        stages = [one.as_given, one.recalibrated, *([] if one.named is None else [one.named])]
+        *shown, floor = wording.figures(tuple(v / scale for v in (*stages, one.noise_floor)))
+        facts.append(Fact(f'Held-out error, {one.stream}: as given, recalibrated'
+                          + ('' if one.named is None else ', with what was found'),
+                          ' → '.join(shown), f'{unit} (noise {floor})'))
     if d.where and d.where[0].position is not None:
         facts.append(Fact('Place known within', number(d.where[0].radius * words.MM, 1),
                           'mm (90 %)'))

@@ -9,9 +9,13 @@ from arm_brachy.diagnosis import conclude
 from arm_brachy.diagnosis.figures import Trace
 
 
-def traces(assembly, named):
-    """figures.Trace of every stream of every recording; named : (N,) left with what was found."""
-    before, out = conclude.left_over(assembly, ()), []
+def traces(assembly, found):
+    """figures.Trace of every stream of every recording, what the mesh is wrong by left in.
+
+    found : decide.Explanation each, of what was found
+    """
+    before, out = conclude.left_over(assembly, (), mesh=True), []
+    named = conclude.left_over(assembly, found, mesh=True) if found else None
     rows = np.arange(len(before))
     for m, mine in conclude.split_rows(assembly, rows):
         kinds = np.array([row.kind for row in m.observables.rows])

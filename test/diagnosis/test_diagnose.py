@@ -114,9 +114,20 @@ def test_stiffening_is_named_with_its_size(stiffening):
     assert optical.named < 1.5 * optical.noise_floor
 
 
+def test_where_it_shows_most_the_measured_follows_what_was_found(stiffening):
+    shown = {one.stream: one for one in stiffening.shown.partials}
+    assert set(shown) == {OPTICAL, EM, FORCE}
+    one = shown[FORCE]
+    assert one.channel == 'pad_1'       # pushed deepest
+    size = np.sqrt(np.mean(one.effect**2))
+    assert np.sqrt(np.mean((one.measured - one.effect)**2)) < 0.2 * size
+    assert size > 3.0 * np.sqrt(np.mean(one.sd**2))
+
+
 def test_the_answer_becomes_a_page_and_a_scenario(stiffening, scene, tmp_path):
     page = write_diagnosis(stiffening.diagnosis, stiffening.shown, tmp_path / 'page.html')
     assert 'strain stiffening' in page.read_text()
+    assert 'Where it shows most (made up)' in page.read_text()
     written = write_corrected(stiffening.diagnosis,
                               base_scenario(SCENES / 'breast.yaml', 'breast', 7),
                               tmp_path / 'corrected.yaml')

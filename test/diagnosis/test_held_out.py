@@ -1,5 +1,7 @@
 """Errors on kinds held out, of made-up parts whose answer is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,7 @@ def part(rng, effect=EFFECT, named=True):
     kinds = np.array(['slow', 'fast'])[(np.arange(N) >= N // 2).astype(int)][both.states]
     r = both.residual(zero)
     return Part(both, kinds, both.difference(zero), r, U, np.zeros(3, dtype=bool),
-                r if named else None, J if named else None)
+                np.zeros(3, dtype=bool), r if named else None, J if named else None)
 
 
 def test_errors_fall_from_the_scene_as_it_came_to_the_noise():
@@ -46,10 +48,23 @@ def test_a_recording_that_was_not_fitted_is_predicted_from_those_that_were():
     assert fit.recalibrated == pytest.approx(np.hypot(EFFECT / np.sqrt(3.0), SD), rel=0.1)
 
 
+def test_what_a_mesh_may_be_wrong_by_is_fitted_and_predicts_nothing():
+    """Of a column of the mesh that explains all, the error stays; with the cause it goes."""
+    one = part(np.random.default_rng(6))
+    one = replace(one, U=np.hstack([one.U, one.columns]), own=np.zeros(4, dtype=bool),
+                  mesh=np.array([False, False, False, True]))
+    fit, = stream_fits([one])
+    # Less than the effect about its mean: the mesh was not taken for the shift.
+    assert fit.recalibrated == pytest.approx(np.hypot(EFFECT / np.sqrt(3.0), SD), rel=0.1)
+    fit, = stream_fits([replace(one, columns=10.0 * one.columns)])
+    assert fit.named == pytest.approx(SD, rel=0.15)
+
+
 def test_what_is_of_one_recording_alone_stands_side_by_side():
     rng = np.random.default_rng(4)
     one, other = part(rng), part(rng)
-    own = [Part(p.observables, p.kinds, p.given, p.r, p.U, np.array([True, False, False]))
+    own = [Part(p.observables, p.kinds, p.given, p.r, p.U, np.array([True, False, False]),
+                np.zeros(3, dtype=bool))
            for p in (one, other)]
     U = stacked(own)
     assert U.shape == (len(one.r) + len(other.r), 4)
