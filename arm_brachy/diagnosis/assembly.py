@@ -28,7 +28,7 @@ class Assembly:
 
     def hypothesis_of(self, explanation):
         """(Hypothesis, its Responses) of a decide.Explanation."""
-        i = self.problem.explanations.index(explanation)
+        i = next(i for i, one in enumerate(self.problem.explanations) if one is explanation)
         return self.tried.hypotheses[i], self.tried.responses[i]
 
 

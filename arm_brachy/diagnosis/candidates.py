@@ -97,6 +97,8 @@ def surface_places(specimen, count, *, base):
     corners = mesh.nodes[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0],
                                    corners[:, 2] - corners[:, 0]), axis=1)
+    if not len(faces):
+        return np.zeros((0, 3))
     centres = corners.mean(axis=1)
     middles = _middles(centres, area, count)
     return centres[np.unique(cdist(middles, centres).argmin(axis=1))]

@@ -8,6 +8,7 @@ from arm_brachy.cell import pad_directions
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Scene
 from arm_brachy.diagnosis import checks
+from arm_brachy.diagnosis.stamps import from_zero, in_order, together
 from arm_brachy.diagnosis.stream import (
     EM,
     ENCODER,
@@ -76,7 +77,7 @@ def evidence_of(run, scene, *, samples=SAMPLES):
     samples : largest number per stream; longer streams, and those faster than RATE, are averaged
     Uses encoders, pad forces, optical markers and EM tools; the truth that a simulated recording
     also holds is never touched. Markers and tools that the scene does not know, or that were
-    hardly ever seen, are left out with a note.
+    hardly ever seen, are left out with a note. Stamps that are dates count from the first one.
     Raises RecordingError if nothing can be made of it: actuators, markers or shape of another
     scene, units wrong, streams that do not overlap in time, nothing moved.
     Test: diagnosis/structural/test_evidence.py
@@ -86,9 +87,12 @@ def evidence_of(run, scene, *, samples=SAMPLES):
     _note_strange_sensors(run, scene, notes)
     run = with_scene(run, scene)
     found = [_encoder(run), _force(run, notes), _optical(run, scene, notes),
-             _em(run, scene, notes)]
-    streams = {s.kind: _fit_in(_in_order(s, run.name, notes), samples, notes)
-               for s in found if s is not None}
+             _em(run, scene, notes), base]
+    found = [None if s is None else together(in_order(s, run.name, notes), notes) for s in found]
+    if any(s is not None for s in found):
+        found = from_zero(found, notes)
+    *found, base = (None if s is None else _fit_in(s, samples, notes) for s in found)
+    streams = {s.kind: s for s in found if s is not None}
     checks.refuse_empty(run.name, streams)
     checks.refuse_wrong_units(run.name, streams, scene)
     if scene.pads and ENCODER not in streams:
@@ -96,8 +100,6 @@ def evidence_of(run, scene, *, samples=SAMPLES):
     checks.refuse_apart_in_time(run.name, streams)
     checks.refuse_other_shape(run.name, streams, scene)
     checks.refuse_too_little_motion(run.name, streams, scene)
-    if base is not None:
-        base = _fit_in(_in_order(base, run.name, notes), samples, notes)
     return Evidence(run.name, scene, pad_directions(scene), streams, base, tuple(notes))
 
 
@@ -195,21 +197,6 @@ def _seen(stream, what, notes):
     rows = stream.valid.any(axis=1)
     return stream if rows.all() else replace(stream, t=stream.t[rows], values=stream.values[rows],
                                              valid=stream.valid[rows])
-
-
-def _in_order(stream, name, notes):
-    """Times must not run backwards; of samples with one stamp the first is kept."""
-    steps = np.diff(stream.t)
-    if np.any(steps < 0.0):
-        at = int(np.argmax(steps < 0.0))
-        raise RecordingError(f'{name}: {stream.kind} goes back in time, from {stream.t[at]:g} s '
-                             f'to {stream.t[at + 1]:g} s; sort the stream by its stamps')
-    if np.all(steps > 0.0):
-        return stream
-    keep = np.concatenate([[True], steps > 0.0])
-    notes.append(f'{int(np.sum(~keep))} samples of {stream.kind} repeat a time stamp and are '
-                 'left out.')
-    return replace(stream, t=stream.t[keep], values=stream.values[keep], valid=stream.valid[keep])
 
 
 def _fit_in(stream, samples, notes):

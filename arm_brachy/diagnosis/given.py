@@ -39,8 +39,8 @@ class Given:
 def given(recorded, known=(), beside=()):
     """Given of Recorded recordings.
 
-    known : findings of a recording in which nothing is wrong; what it shows too is no fault but
-        the set-up, handed on as a term that is no news
+    known : findings of a recording in which nothing is wrong; what it shows too, at least half as
+        large, is no fault but the set-up, handed on as a term that is no news
     beside : Recorded of the same set-up; what one of them shows that has no rival there, and as
         large, has none here
     """
@@ -48,7 +48,7 @@ def given(recorded, known=(), beside=()):
     sure = [f for one in beside for f in one.structure.findings if f.term and not f.rivals]
     for one in recorded:
         for finding in one.structure.findings:
-            if any(_same(finding, other) for other in known):
+            if any(_no_news(finding, other) for other in known):
                 continue
             if any(_as_large(finding, other) for other in sure):
                 finding = replace(finding, rivals=())
@@ -64,6 +64,14 @@ def given(recorded, known=(), beside=()):
 def _same(one, other):
     return (one.term, one.stream, one.channel, one.parameter) == (
         other.term, other.stream, other.channel, other.parameter)
+
+
+def _no_news(one, known):
+    """True if a sound recording shows as much, within errors, or at least half of it."""
+    more = np.subtract(one.value, known.value)
+    return _same(one, known) and (
+        sigma(more, np.hypot(one.sd, known.sd)) < ALIKE
+        or np.linalg.norm(more) <= np.linalg.norm(known.value))
 
 
 def _as_large(one, other):

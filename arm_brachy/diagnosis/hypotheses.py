@@ -60,7 +60,7 @@ def try_all(matched, occasions=None, progress=None):
         if progress:
             progress(done, len(listed), cls.spec.name)
         options = candidates(cls, specimen, occasions or Occasions())
-        why = '' if options else 'nothing in these recordings says when'
+        why = '' if options else 'nothing here says when or where'
         for one in options:
             try:
                 responses = tuple(respond(m.baseline, one) for m in matched)

@@ -126,6 +126,9 @@ def _noise(stream, spans, rests, devices, known):
     lags = lags_for(int(LONGEST_LAG * longest))
     gamma, pairs = variogram(stream.values.reshape(len(stream.t), -1),
                              np.repeat(stream.valid, c, axis=1), lags, stretches)
+    if not pairs[0].any():
+        return _data_sheet(stream, devices, f'No two samples of {stream.kind} follow each other '
+                           'at rest; its noise is taken from the data sheet.')
     short = _shrunk(gamma[0].reshape(k, c), pairs[0].reshape(k, c))
     if known is None:
         colour, ratio = over_rests(stream, rests) or _pooled_colour(

@@ -15,6 +15,8 @@ CRUISE = 0.3        # of the longest straight piece of a ramp: shorter ones are 
 FINEST = (8, 4)     # windows per stand and per ramp, at most
 LEVELS = (FINEST, (5, 3), (3, 2), (2, 1), (1, 1))
 RESOLVED = 0.25     # of the largest travel, from window to window of a ramp
+LEVEL = 0.1         # of the largest travel: pushes that differ by less are one load
+RESTS = 0.2         # of a bounded number of windows, for stands without a push
 COVERED = 0.1       # of the largest travel, by one: the answer to a push bends with the push
 LOUD = 6.0          # standard deviations of noise that make a body without pads move
 APART = 0.05        # s over which its motion is looked at
@@ -41,8 +43,8 @@ def windows_of(motion, limit, rhythm=0.0):
     rhythm : [Hz] of what goes on in stands, 0 = none
     A stand is seen early and late, in parts that double in length, so that what relaxes is
     resolved and what stands is averaged; a ramp on its straight pieces, at most a quarter of the
-    largest travel apart. Where there are too many, all become coarser together,
-    then some are left out, evenly.
+    largest travel apart. Where there are too many, all become coarser together, then some are
+    left out, of every load its share, so that a protocol that repeats is not seen in one phase.
     """
     phases, longest = motion.phases(), SWING / (2.0 * np.pi * rhythm) if rhythm else np.inf
     for level in LEVELS:
@@ -50,8 +52,26 @@ def windows_of(motion, limit, rhythm=0.0):
                  for w in _cut(motion, phase, i, level, longest)]
         if len(found) <= limit:
             return tuple(found)
-    keep = np.unique(np.linspace(0, len(found) - 1, limit).round().astype(int))
-    return tuple(found[i] for i in keep)
+    return _thinned(found, motion, limit)
+
+
+def _thinned(windows, motion, limit):
+    """At most `limit` of more Windows: those at rest a fifth, of every other load its share."""
+    t = np.array([w.centre for w in windows])
+    q = np.stack([np.interp(t, motion.t, column) for column in motion.q.T], axis=1)
+    level = np.round(q / (LEVEL * np.ptp(motion.q, axis=0).max())).astype(int)
+    loads = [(w.moves, *row) for w, row in zip(windows, level.tolist(), strict=True)]
+    order = sorted(range(len(windows)), key=lambda i: (loads[i], i))
+    rest = [i for i in order if not any(loads[i])]
+    pushed = [i for i in order if any(loads[i])]
+    few = min(len(rest), max(limit - len(pushed), int(RESTS * limit)))
+    kept = sorted([*_evenly(rest, few), *_evenly(pushed, limit - few)])
+    return tuple(windows[i] for i in kept)
+
+
+def _evenly(items, count):
+    return [items[i] for i in np.unique(
+        np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int))]
 
 
 def _cut(motion, phase, index, level, longest):

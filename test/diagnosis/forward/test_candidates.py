@@ -1,5 +1,7 @@
 """Every term has hypotheses, few enough, each a term that fits the body."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,13 @@ def test_spread_is_the_width_of_the_prior_in_typical_sizes():
 def test_the_strengths_left_out_are_off():
     gain = hypothesis(by_name('actuator_gain'), ('offset',)).term(np.array([1.0]))
     assert gain.gain == 0.0 and gain.offset == pytest.approx(5e-4)
+
+
+def test_a_body_that_is_held_by_single_nodes_has_no_glued_base(linear):
+    one = by_name('base_debond')
+    held = linear.body.fixed[:1]
+    loose = replace(linear, body=replace(linear.body, fixed=held))
+    assert candidates(one, linear) and candidates(one, loose) == ()
 
 
 def test_places_cover_the_body_and_its_surface(linear):

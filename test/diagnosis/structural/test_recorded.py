@@ -89,6 +89,17 @@ def test_what_a_sound_recording_shows_as_well_is_no_news(looked):
     assert given((one,), known=one.structure.findings).certain == ()
 
 
+@pytest.mark.parametrize(('size', 'news'), [(0.016, False), (0.029, False), (0.12, True)])
+def test_a_fault_of_the_kind_that_a_sound_recording_shows_is_news_if_larger(size, news):
+    """1.5 % of gain is how the rig is; 12 % is a fault."""
+    def gain(value):
+        return Finding('encoder', 'pad_1', 'actuator_gain', 'gain', value, '', 1e-3, 60.0, 0.0,
+                       9.0, 'The marker departs from the encoder.', (),
+                       parameters={'gain': value, 'actuators': (0,)})
+    one = SimpleNamespace(name='one', structure=SimpleNamespace(findings=(gain(size),)))
+    assert bool(given((one,), known=(gain(0.015),)).certain) == news
+
+
 def test_a_slip_says_when_something_happened(looked):
     occasions = occasions_of((looked(SLIP),))
     assert occasions.onsets and min(abs(t - 9.0) for t in occasions.onsets) < 0.2

@@ -150,6 +150,24 @@ def test_hundreds_of_pushes_keep_to_the_budget():
     assert np.diff(centres).max() < 5.0 * np.diff(centres).mean()
 
 
+@pytest.mark.parametrize(('cycles', 'limit'), [(79, 80), (158, 80), (100, 80), (39, 40), (22, 12)])
+def test_a_protocol_that_repeats_is_seen_in_all_its_phases(cycles, limit):
+    """Ramp, hold, ramp, rest: four windows a cycle, so that every fourth would be a rest."""
+    t, q = [0.0, 2.0], [0.0, 0.0]
+    for _ in range(cycles):
+        for lasts, to in ((0.3, 5e-3), (1.5, 5e-3), (0.3, 0.0), (1.5, 0.0)):
+            t.append(t[-1] + lasts)
+            q.append(to)
+    motion = Motion(np.array(t), np.array(q)[:, None], 1e-5, 1e-4)
+    windows = windows_of(motion, limit)
+    at = np.interp([w.centre for w in windows], motion.t, motion.q[:, 0])
+    moves = np.array([w.moves for w in windows])
+    assert 0.8 * limit < len(windows) <= limit
+    assert np.sum(~moves & (at > 4.9e-3)) >= 0.2 * limit
+    assert np.sum(moves) >= 0.2 * limit
+    assert 1 <= np.sum(~moves & (at < 1e-4)) <= 0.21 * limit
+
+
 def test_a_rhythm_is_not_averaged_away():
     """In every window on a stand its mean is its value in the middle, to 1 % of its height."""
     t, q = np.array([0.0, 5.0, 5.5, 9.0, 9.5, 12.0]), np.array([0.0, 0.0, 5e-3, 5e-3, 0.0, 0.0])
