@@ -13,7 +13,11 @@ from arm_brachy.diagnosis.history import history_columns
 from arm_brachy.diagnosis.regression import BLOCK, whitened
 
 REACH = 0.01       # s, over which slopes are taken
-PASSES = 4
+PASSES = 12
+WIDEST = 3.0       # s, delay that is looked for
+PACE = 0.1         # s, from one delay that is tried to the next: less than the shortest ramp
+THIN = 0.04        # s between the samples that are looked at meanwhile
+BETTER = 30.0      # in chi^2: a delay that far away is taken only if it explains so much more
 LOUD = 1.5         # times its noise, rms, that a channel must follow the pads to be asked
 CLOSE = 0.05       # of the standard deviation, when to stop
 FEWEST = 50        # samples of a channel
@@ -35,7 +39,9 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     touch : [m] less travel counts as none;  noise : noise.Noise of the stream
     memory : let the stream remember (forces, tissue); False for what is rigid
     The standard error is the larger of what the noise gives and of the block estimate over 1 s,
-    which sees what the regressors do not explain. Valid for delays below half the shortest ramp.
+    which sees what the regressors do not explain. Delays up to WIDEST are tried one by one first,
+    since from farther than half a ramp the slope leads elsewhere. None as well where the estimate
+    does not settle.
     Test: diagnosis/structural/test_clocks.py
     """
     inside = (stream.t >= travel[0][0]) & (stream.t <= travel[0][-1])
@@ -44,7 +50,7 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     if not len(often) or len(t) < FEWEST:
         return None
     y, mask, sd = _series(t, stream.values[inside][:, often], valid[:, often], noise.sd[often])
-    late, asked = 0.0, None
+    late = _scanned(t, y, mask, sd, travel, touch, memory)
     for _ in range(PASSES):
         step, error, loud = _step(t - late, t, y, mask, sd, travel, touch, noise.colour, memory)
         if not loud.any():
@@ -52,9 +58,30 @@ def lateness(stream, travel, touch, noise, *, memory=True):
         late, asked = late + step, loud
         if abs(step) < CLOSE * error:
             break
+    else:
+        return None
     c = stream.values.shape[2]
     names = tuple(stream.names[often[i]] for i in np.flatnonzero(asked.reshape(-1, c).any(axis=1)))
     return Lateness(float(late), float(error), names)
+
+
+def _scanned(t, y, mask, sd, travel, touch, memory):
+    """The delay [s] on a grid from which to start, 0 unless another explains far more."""
+    every = max(int(THIN / np.median(np.diff(t))), 1)
+    t, mask = t[::every], mask[::every]
+    Y = np.where(mask, y[::every] / sd, 0.0)
+    delays = PACE * np.arange(-round(WIDEST / PACE), round(WIDEST / PACE) + 1)
+    left = np.array([_left(t - delay, Y, travel, touch, memory) for delay in delays])
+    best, zero = int(np.argmin(left)), len(delays) // 2
+    scale = max(left[best] / max(mask.sum(), 1), 1.0)
+    return float(delays[best]) if left[zero] - left[best] > BETTER * scale else 0.0
+
+
+def _left(then, Y, travel, touch, memory):
+    """Sum of squares of Y (n, s) that the encoders' history does not explain."""
+    columns = history_columns(then, travel, touch, memory=memory)
+    Q, _ = np.linalg.qr(np.stack([np.ones(len(then)), *columns.values()], axis=1))
+    return float(np.sum((Y - Q @ (Q.T @ Y))**2))
 
 
 def _series(t, values, valid, sd):

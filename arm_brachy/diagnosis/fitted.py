@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from arm_brachy.core.errors import NotConverged
+from arm_brachy.core.errors import InputError, NotConverged
 from arm_brachy.core.quantity import quantities
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.cause import Cause, Estimate
@@ -19,6 +19,7 @@ from arm_brachy.diagnosis.refit import Refit, refit
 from arm_brachy.diagnosis.standing_back import standing_back
 from arm_brachy.diagnosis.stream import FORCE
 from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.tissue.assembly import InvertedElement
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 
 CORNER = 0.02       # of the largest travel, that a path may be off between its corners
@@ -110,7 +111,7 @@ def fit_in_full(assembly, candidate, law):
         data = [replace(one, U=np.hstack([one.U, columns]))
                 for one, columns in zip(data, back, strict=True)]
         found = refit(data, (*hypotheses, modulus), (*amplitudes, np.zeros(1)))
-    except NotConverged as error:
+    except (NotConverged, InputError, InvertedElement) as error:
         amplitudes = [_allowed(*x) for x in zip(hypotheses, amplitudes, strict=True)]
         estimates = tuple(_linear(*x) for x in zip(hypotheses, amplitudes, widths, strict=True))
         terms = tuple(one.term(a) for one, a in zip(hypotheses, amplitudes, strict=True))

@@ -4,11 +4,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from arm_brachy.core.errors import ConfigError, InputError, MeshError, NotConverged
+from arm_brachy.core.errors import InputError, NotConverged
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.candidates import Occasions, candidates
 from arm_brachy.diagnosis.responses import respond
 from arm_brachy.registry import TERMS
+from arm_brachy.tissue.assembly import InvertedElement
 
 HIDDEN = (Stage.SETPOINT, Stage.ENCODER)    # before or at the encoders, which drive the model
 RECALIBRATED = ('stiffness_scale',)         # no physics that is missing: the scene's own modulus
@@ -64,7 +65,7 @@ def try_all(matched, occasions=None, progress=None):
         for one in options:
             try:
                 responses = tuple(respond(m.baseline, one) for m in matched)
-            except (ConfigError, InputError, MeshError, NotConverged) as error:
+            except (InputError, InvertedElement, NotConverged) as error:
                 why = str(error)
                 continue
             if all(_whole(r) for r in responses):

@@ -24,7 +24,7 @@ class ClockOffset(SensingTerm):
 
     stream: Literal['em', 'optical', 'force'] = 'optical'
     delay: float = quantity(
-        20.0, 'ms', 'how late the stamps are; negative: early', low=-500.0, high=500.0,
+        20.0, 'ms', 'how late the stamps are; negative: early', low=-5000.0, high=5000.0,
         prior=('normal', 0.0, 20.0), typical=20.0,
         source='engineering judgement: stamped on arrival, two frames at 100 Hz after acquisition',
         neutral=0.0)

@@ -36,7 +36,7 @@ def test_a_stream_in_time_is_not_late(prepared, name):
 
 
 @pytest.mark.parametrize('name', STREAMS)
-@pytest.mark.parametrize('shift', [0.02, -0.035])
+@pytest.mark.parametrize('shift', [0.02, -0.035, 0.6, -1.3])
 def test_a_shift_of_the_stamps_is_measured(prepared, name, shift):
     """Against the same stream before the shift, noise and all."""
     assert late(prepared, name, shift).value - late(prepared, name).value == pytest.approx(
