@@ -265,4 +265,6 @@ def _may_be_class(decision, causes):
 
 
 def _notes(looked):
-    return [note for one in looked for note in one.prepared.evidence.notes]
+    return [note for one in looked for note in (
+        *one.prepared.evidence.notes,
+        *(note for noise in one.prepared.noise.values() for note in noise.notes))]

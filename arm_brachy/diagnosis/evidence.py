@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from arm_brachy.cell import pad_directions
 from arm_brachy.core.errors import RecordingError
@@ -219,9 +220,10 @@ def _travel_from_markers(name, streams, scene, notes):
             f'{name}: holds neither encoders nor a marker on {", ".join(missing)}; nothing says '
             'how far the pads of the scene were pushed; record actuators/state')
     pads = tuple(carried)
+    positions = _in_the_scenes_frame(optical)
     values = np.empty((len(optical.t), len(pads), 1))
     for i, (pad, direction) in enumerate(zip(pads, pad_directions(scene), strict=True)):
-        moved = np.where(optical.valid[..., None], optical.values - optical.rest, np.nan)
+        moved = np.where(optical.valid[..., None], positions - optical.rest, np.nan)
         along = moved[:, carried[pad]] @ direction
         count = np.isfinite(along).sum(axis=1)
         values[:, i, 0] = np.where(count > 0, np.nansum(along, axis=1) / np.maximum(count, 1),
@@ -229,3 +231,18 @@ def _travel_from_markers(name, streams, scene, notes):
     notes.append('No encoders were recorded: the travel of the pads is taken from their markers.')
     return Stream(ENCODER, optical.t, pads, values, np.isfinite(values).all(axis=2), pads,
                   np.zeros((len(pads), 1)))
+
+
+def _in_the_scenes_frame(optical):
+    """Positions (n, k, 3) [m] by a rigid fit of the first frames, in which pads are at home.
+
+    A tracker stands anywhere: neither its origin nor its axes are those of the scene.
+    """
+    first = np.nanmean(np.where(optical.valid[:FEWEST, :, None], optical.values[:FEWEST], np.nan),
+                       axis=0)
+    seen = np.isfinite(first).all(axis=1)
+    there, here = first[seen].mean(axis=0), optical.rest[seen].mean(axis=0)
+    if seen.sum() < 3:
+        return optical.values
+    turn, _ = Rotation.align_vectors(optical.rest[seen] - here, first[seen] - there)
+    return (optical.values - there) @ turn.as_matrix().T + here

@@ -47,6 +47,15 @@ class Noise:
     notes: tuple = ()
     doubt: float = 1.0
 
+    def turned(self, rotation):
+        """The Noise of vectors that are turned by a matrix (3, 3)."""
+        each = self.sd[:, :, None] * self.axes * self.sd[:, None, :]
+        each = rotation @ each @ rotation.T
+        sd = np.sqrt(np.diagonal(each, axis1=1, axis2=2))
+        pooled = each.mean(axis=0)
+        size = np.sqrt(np.diag(pooled))
+        return replace(self, sd=sd, axes=pooled / np.outer(size, size))
+
     def mean_variance(self, count):
         """Variance of means over `count` (..., k) successive samples, (..., k, c)."""
         factor = self.colour.mean_variance(count, self.period)

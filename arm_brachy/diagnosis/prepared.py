@@ -17,7 +17,9 @@ class Prepared:
     """One recording, ready to be looked at.
 
     evidence : Evidence with optical positions in the world frame
-    motion : Motion, None without pads;  noise : kind -> noise.Noise
+    motion : Motion, None without pads
+    noise : kind -> noise.Noise; that of markers, which a tracker sees worse in depth, in the world
+        frame as well
     registration : Registration, None without optical markers
     calibration : what counts as no fault
     """
@@ -59,6 +61,7 @@ def prepare(evidence, devices=None, calibration=None, noise=None):
         optical = evidence.get(OPTICAL)
         moved = replace(optical, values=found.apply(optical.values))
         evidence = replace(evidence, streams={**evidence.streams, OPTICAL: moved})
+        noise = {**noise, OPTICAL: noise[OPTICAL].turned(found.R)}
     return Prepared(evidence, motion_of(evidence), noise, found, calibration)
 
 

@@ -9,7 +9,8 @@ from arm_brachy.diagnosis.stream import ENCODER
 from arm_brachy.diagnosis.windows import SETTLED, free_windows, windows_of
 
 LIMIT = 80      # states: more say no more where the model is the limit, and take minutes
-LONGEST_GAP = 1.5   # periods between the samples on either side of an instant on a ramp
+LONGEST_GAP = 1.5   # periods between the samples on either side of an instant,
+WIDEST_GAP = 2.0    # and lengths of the window of a ramp
 CENTRED = 1e-3      # s: a sample that near the centre of a ramp's window is at it
 
 
@@ -151,21 +152,19 @@ def _averaged(stream, noise, windows, late):
 
 
 def _rows(stream, window, late):
-    """Samples inside a window; of a stand shorter than one sample the nearest one, of a ramp
-    shorter than two those on either side of its centre.
+    """Samples inside a window; of a ramp shorter than two those on either side of its centre, if
+    these are on the same ramp. A stand between two samples was not seen.
     """
     start = int(np.searchsorted(stream.t, window.start + late - 1e-9))
     stop = int(np.searchsorted(stream.t, window.stop + late + 1e-9))
-    if stop - start >= (2 if window.moves else 1):
+    if not window.moves or stop - start >= 2:
         return slice(start, stop)
-    centre = window.centre + late
-    if window.moves:
-        after = int(np.clip(np.searchsorted(stream.t, centre), 1, len(stream.t) - 1))
-        near = stream.t[after] - stream.t[after - 1] <= LONGEST_GAP * stream.period
-        return slice(after - 1, after + 1) if near else slice(0, 0)
-    nearest = int(np.argmin(np.abs(stream.t - centre)))
-    near = abs(stream.t[nearest] - centre) <= stream.period
-    return slice(nearest, nearest + 1) if near else slice(0, 0)
+    after = int(np.clip(np.searchsorted(stream.t, window.centre + late), 1, len(stream.t) - 1))
+    longest = LONGEST_GAP * stream.period
+    if window.stop > window.start:
+        longest = min(longest, WIDEST_GAP * (window.stop - window.start))
+    near = stream.t[after] - stream.t[after - 1] <= longest
+    return slice(after - 1, after + 1) if near else slice(0, 0)
 
 
 def _at_centre(x, t, seen, weight, mean):

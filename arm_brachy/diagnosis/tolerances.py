@@ -12,6 +12,7 @@ from arm_brachy.diagnosis.finding import Calibration
 from arm_brachy.diagnosis.hypothesis import hypothesis, strengths
 from arm_brachy.diagnosis.nuisances import Nuisances
 from arm_brachy.diagnosis.responses import respond
+from arm_brachy.diagnosis.stream import BASE, OPTICAL
 from arm_brachy.registry import by_name
 
 KNOWN = 0.03        # of its size: how well a finding knows the term that it names
@@ -44,9 +45,31 @@ def tolerances(baseline, calibration=None):
                 parts.append({kind: factor * values[..., k:k + 1]
                               for kind, values in response.values.items()})
                 names.append('_'.join([tolerance, strength.label, *_said(place)]))
+    for name, part in _benches(baseline, calibration.base):
+        names.append(name)
+        parts.append(part)
     kinds = parts[0]
     return Nuisances(tuple(names), {kind: np.concatenate([part[kind] for part in parts], axis=3)
                                     for kind in kinds})
+
+
+def _benches(baseline, size):
+    """(name, values): the markers on the base move by `size` [m] as each pad goes in, and in time.
+
+    A bench gives way under the push, a tracker drifts as it warms up: no model of the tissue moves
+    its base.
+    """
+    specimen, push = baseline.model.specimen, baseline.path.at(baseline.t)
+    base = np.array([one == BASE for one in specimen.carriers])
+    since = baseline.t - baseline.t[0]
+    grown = {'time': since / max(since[-1], 1e-9)} | {
+        pad: np.abs(q) / max(np.abs(q).max(), 1e-9)
+        for pad, q in zip(specimen.pads, push.T, strict=True)}
+    for why, course in grown.items() if base.any() else ():
+        for axis, unit in zip('xyz', np.eye(3), strict=True):
+            values = {kind: np.zeros((*shown.shape, 1)) for kind, shown in baseline.shown.items()}
+            values[OPTICAL][..., 0][:, base] = size * course[:, None, None] * unit
+            yield f'base_{why}_{axis}', values
 
 
 def given_errors(baseline, terms):
