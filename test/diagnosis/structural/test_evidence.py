@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Marker
@@ -100,6 +101,17 @@ def test_repeated_stamps_are_left_out_with_a_note(run, scene):
     t[100] = t[99]
     found = evidence_of(replace(run, encoder=Series(t, run.encoder.values)), scene)
     assert len(found.get(ENCODER).t) == len(t) - 1 and 'repeat a time stamp' in found.notes[0]
+
+
+def test_the_travel_by_markers_is_the_same_wherever_the_tracker_stands(run, scene):
+    """Origin half a metre away, axes turned by 40 degrees."""
+    turn = Rotation.from_euler('zyx', [40.0, -15.0, 25.0], degrees=True).as_matrix()
+    away = optical(run, points=run.optical.points @ turn.T + [0.5, -0.2, 0.9])
+    here, there = (evidence_of(replace(one, encoder=None, encoder_pads=()), scene).get(ENCODER)
+                   for one in (run, away))
+    # Each is registered by its first frames, whose noise is 0.1 mm.
+    assert np.nanmax(np.abs(there.values - here.values)) < 0.3e-3
+    assert np.nanmax(there.values) > 5e-3
 
 
 def test_without_encoders_markers_on_the_pads_tell_the_travel(run, scene):

@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from arm_brachy.core.random import stream
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
+from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.noise import data_sheet_sd, noise_of, quantum
+from arm_brachy.diagnosis.noise import Noise, data_sheet_sd, noise_of, quantum
 
 
 @pytest.fixture(scope='module')
@@ -89,3 +91,16 @@ def test_means_of_neighbouring_windows_are_correlated_as_their_noise_is(coloured
     between = noise.between(np.array([0.0, apart]), np.array([n, n]))
     assert between[0, 0] == between[1, 1] == 1.0
     assert between[0, 1] == between[1, 0] == pytest.approx(exact, rel=0.35)
+
+
+def test_the_noise_of_a_tracker_turns_with_its_frame():
+    """Depth three times as bad, looked along x of the world: there it is bad."""
+    rng = np.random.default_rng(5)
+    turn = Rotation.from_euler('zyx', [20.0, 90.0, -35.0], degrees=True).as_matrix()
+    sd = np.array([[0.1, 0.1, 0.3], [0.1, 0.2, 0.4]])
+    axes = np.array([[1.0, 0.3, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    turned = Noise(sd, Colour(), 0.01, axes, 'idle').turned(turn)
+    for own, found in zip(sd, turned.sd, strict=True):
+        drawn = rng.multivariate_normal(np.zeros(3), own[:, None] * axes * own, 100_000) @ turn.T
+        assert found == pytest.approx(drawn.std(axis=0), rel=0.01)
+    assert np.allclose(np.diag(turned.axes), 1.0)

@@ -8,11 +8,13 @@ import pytest
 from arm_brachy.core.random import stream
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.optical_tracker import OpticalParams
+from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.motion import Motion
+from arm_brachy.diagnosis.noise import Noise
 from arm_brachy.diagnosis.prepared import prepare
-from arm_brachy.diagnosis.states import load_states
-from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
+from arm_brachy.diagnosis.states import _averaged, load_states
+from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL, Stream
 from arm_brachy.diagnosis.windows import windows_of
 from arm_brachy.evaluation.regimes import HELD, HOLD, LOAD, REST, RINGING, SETTLED, UNLOAD
 from arm_brachy.evaluation.timeseries import OpticalFrames, RunData
@@ -199,3 +201,28 @@ def test_a_body_that_is_let_go_needs_no_pads(laboratory):
     assert off[regime == RINGING] == pytest.approx(
         np.interp(ringing, t, z) + (off[0]), abs=1e-4)
     assert off[-1] - off[0] == pytest.approx(-5e-3, abs=2e-5)
+
+
+@pytest.mark.parametrize(('hold', 'period'), [(1.0, 0.5), (0.3, 0.5), (1.0, 0.2)])
+def test_a_slow_stream_is_seen_where_it_was_sampled_and_once(hold, period):
+    """What a stand shows was sampled in it: 2 Hz and pushes of 8 mm, 20 mm/s."""
+    t, q = [0.0, 2.0], [0.0, 0.0]
+    for _ in range(5):
+        for lasts, to in ((0.4, 8e-3), (hold, 8e-3), (0.4, 0.0), (hold, 0.0)):
+            t.append(t[-1] + lasts)
+            q.append(to)
+    motion = Motion(np.array(t), np.array(q)[:, None], 1e-5, 1e-4)
+    windows = windows_of(motion, 80)
+    ts = np.arange(0.13, t[-1], period)
+    there = np.interp(ts, t, q)
+    stream = Stream(OPTICAL, ts, ('a',), np.repeat(there[:, None, None], 3, axis=2),
+                    np.ones((len(ts), 1), dtype=bool), ('tissue',), np.zeros((1, 3)))
+    noise = Noise(np.full((1, 3), 1e-5), Colour(), period, np.eye(3), 'idle')
+    found = _averaged(stream, noise, windows, 0.0)
+    true = np.interp([w.centre for w in windows], t, q)
+    off = np.abs(found.values[:, 0, 0] - true)
+    stands = np.array([not w.moves for w in windows])
+    assert np.isfinite(off[stands]).any()
+    assert np.nanmax(off) < 1e-9
+    # No sample is in two stands.
+    assert np.sum(found.count[stands & np.isfinite(off), 0]) <= len(ts)
