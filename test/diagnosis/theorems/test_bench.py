@@ -17,4 +17,5 @@ def test_a_bench_that_gives_way_a_little_is_within_the_tolerances(breast, once):
         {k: matched.baseline.shown[k] - moved[k] for k in moved}) - matched.r
     assert np.linalg.norm(effect) > 1.0
     left = effect - matched.U @ np.linalg.lstsq(matched.U, effect, rcond=None)[0]
-    assert np.linalg.norm(left) < 1e-6 * np.linalg.norm(effect)
+    # Encoders of the other pads wobble by a count, 1e-4 of the push.
+    assert np.linalg.norm(left) < 1e-3 * np.linalg.norm(effect)
