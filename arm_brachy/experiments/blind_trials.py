@@ -5,31 +5,45 @@ Test: experiments/test_readme.py
 
 import json
 
-from arm_brachy.prove import totals
-from arm_brachy.prove.answering import ABSOLUTE, NULL
-
 TRIALS = ('bc215fd', 'bda5ad8')     # folders of results/trials: commits of the detector, in order
+PARTS = ('named', 'noticed')        # shares of single terms and sizes; they are in the files
 
 
 def markdown(results):
     """Lines of a table: a column per trial and mode, every share and median of theirs a row.
 
-    results : folder with trials/COMMIT/result.json, as `prove.report` writes it. Counted anew from
-    the answers, so that all trials are by one rule; '-' where a trial has nothing of the kind.
+    results : folder with trials/COMMIT/result.json, as `prove.report` writes it. A trial older
+    than what is counted today has '-' there.
     """
     columns = {}
     for name in TRIALS:
         path = results / 'trials' / name / 'result.json'
-        rows = [row for row in json.loads(path.read_text(encoding='utf-8'))['rows']
-                if 'case' in row]
-        for mode in (ABSOLUTE, NULL):
-            some = totals.in_mode(rows, mode)
-            if some:
-                cases = len({row['case'] for row in some})
-                columns[f'{name}, {mode}, {cases} cases'] = {
-                    **{one['what']: totals.cell(one) for one in totals.shares(some)},
-                    **{f'{one["what"]}, median': totals.cell(one) for one in totals.medians(some)}}
-    counted = next(iter(columns.values()))
+        rows = json.loads(path.read_text(encoding='utf-8'))['rows']
+        for mode in dict.fromkeys(row['over_all'] for row in rows if 'over_all' in row):
+            cases = sum('case' in row and row['mode'] == mode for row in rows)
+            columns[f'{name}, {mode}, {cases} cases'] = {
+                row['what'] + ', median' * ('median' in row): cell(row) for row in rows
+                if row.get('over_all') == mode and _counts(row)}
+    counted = dict.fromkeys(what for cells in reversed(columns.values()) for what in cells)
     return '\n'.join([f'| over all | {" | ".join(columns)} |', '|---' * (1 + len(columns)) + '|',
-                      *(f'| {what} | ' + ' | '.join(cells[what] for cells in columns.values())
-                        + ' |' for what in counted)])
+                      *(f'| {what} | ' + ' | '.join(cells.get(what, '-')
+                                                    for cells in columns.values()) + ' |'
+                        for what in counted)])
+
+
+def _counts(row):
+    return row.get('what', PARTS[0]).partition(',')[0].partition(':')[0] not in PARTS
+
+
+def cell(row):
+    """A share with its 95 % interval (Wilson) or a median, as `prove.totals` makes them.
+
+    '-' where there was nothing to count.
+    """
+    if not row['of']:
+        return '-'
+    if 'median' in row:
+        unit = '' if row['unit'] == '1' else f' {row["unit"]}'
+        return f'{row["median"]:.2g}{unit} (of {row["of"]})'
+    return (f'{row["count"]} of {row["of"]}: {row["share_percent"]:.0f} % '
+            f'({row["low_percent"]:.0f} to {row["high_percent"]:.0f})')

@@ -4,6 +4,7 @@ import numpy as np
 
 from arm_brachy.evaluation.result import Result
 from arm_brachy.evaluation.style import OURS, Plate, new_figure, styled
+from arm_brachy.experiments.blind_trials import cell
 from arm_brachy.experiments.diagnosis_score import RECALIBRATED
 from arm_brachy.prove import totals
 from arm_brachy.prove.answering import SUPPLIED
@@ -12,7 +13,7 @@ from arm_brachy.prove.folder import write_json
 from arm_brachy.prove.outcome import ABSTAINED, FAILED, RIGHT, SILENT, outcome
 from arm_brachy.prove.pages import case_page, index_page
 from arm_brachy.prove.score import first_said, score
-from arm_brachy.prove.totals import cell, in_mode
+from arm_brachy.prove.totals import in_mode
 from arm_brachy.registry import TERMS
 
 NAME = 'blind-trial'

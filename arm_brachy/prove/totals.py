@@ -33,20 +33,6 @@ def in_mode(rows, mode):
             or mode == ABSOLUTE and row['mode'] == SUPPLIED]
 
 
-def cell(row):
-    """A share with its 95 % interval (Wilson) or a median, as `prove.totals` makes them.
-
-    '-' where there was nothing to count.
-    """
-    if not row['of']:
-        return '-'
-    if 'median' in row:
-        unit = '' if row['unit'] == '1' else f' {row["unit"]}'
-        return f'{row["median"]:.2g}{unit} (of {row["of"]})'
-    return (f'{row["count"]} of {row["of"]}: {row["share_percent"]:.0f} % '
-            f'({row["low_percent"]:.0f} to {row["high_percent"]:.0f})')
-
-
 def of_kind(rows, *kinds):
     """The rows of these kinds of case."""
     return [row for row in rows if row['kind'] in kinds]
