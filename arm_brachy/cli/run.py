@@ -48,7 +48,6 @@ def run(scenario, out, speed_limit, watch, json_file):
     \b
     Example:
       arm-brachy run config/scenarios/target_1.yaml --out runs/target_1
-      arm-brachy run config/scenarios/probe_rich.yaml --watch
     """
     cell = load_cell(scenario)
     with new_folder(result_folder(out, cell.scenario.name)) as folder, \

@@ -34,7 +34,7 @@ def test_making_goes_on_where_it_was(motion, tmp_path, monkeypatch):
     monkeypatch.setattr(cases, 'plan', lambda seed: few)
     monkeypatch.setattr(cases, 'move', lambda plant: runs.append(plant.name) or motion)
     index = cases.make(tmp_path)
-    assert runs == ['null_00', 'null_01']
+    assert sorted(runs) == ['null_00', 'null_01']     # two threads take turns as they like
     assert json.loads((tmp_path / 'index.json').read_text()) == json.loads(json.dumps(index))
     before = (tmp_path / 'case_000.npz').read_bytes()
     (tmp_path / 'case_002.npz').unlink()
