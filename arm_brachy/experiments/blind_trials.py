@@ -5,7 +5,8 @@ Test: experiments/test_readme.py
 
 import json
 
-TRIALS = ('bc215fd', 'bda5ad8', 'c10f951')     # folders of results/trials: commits of the detector, in order
+# Folders of results/trials: commits of the detector, in order.
+TRIALS = ('bc215fd', 'bda5ad8', 'c10f951')
 PARTS = ('named', 'noticed')        # shares of single terms and sizes; they are in the files
 
 
