@@ -15,7 +15,7 @@ from arm_brachy.diagnosis.regression import BLOCK, whitened
 REACH = 0.01       # s, over which slopes are taken
 PASSES = 12
 WIDEST = 3.0       # s, delay that is looked for
-PACE = 0.1         # s, from one delay that is tried to the next: less than the shortest ramp
+PACE = 0.1         # s, from one delay that is tried to the next: half a ramp of 0.1 s
 THIN = 0.04        # s between the samples that are looked at meanwhile
 BETTER = 30.0      # in chi^2: a delay that far away is taken only if it explains so much more
 LOUD = 1.5         # times its noise, rms, that a channel must follow the pads to be asked

@@ -220,7 +220,7 @@ def _travel_from_markers(name, streams, scene, notes):
             f'{name}: holds neither encoders nor a marker on {", ".join(missing)}; nothing says '
             'how far the pads of the scene were pushed; record actuators/state')
     pads = tuple(carried)
-    positions = _in_the_scenes_frame(optical)
+    positions = _in_the_scenes_frame(optical, notes)
     values = np.empty((len(optical.t), len(pads), 1))
     for i, (pad, direction) in enumerate(zip(pads, pad_directions(scene), strict=True)):
         moved = np.where(optical.valid[..., None], positions - optical.rest, np.nan)
@@ -233,16 +233,19 @@ def _travel_from_markers(name, streams, scene, notes):
                   np.zeros((len(pads), 1)))
 
 
-def _in_the_scenes_frame(optical):
+def _in_the_scenes_frame(optical, notes):
     """Positions (n, k, 3) [m] by a rigid fit of the first frames, in which pads are at home.
 
     A tracker stands anywhere: neither its origin nor its axes are those of the scene.
     """
-    first = np.nanmean(np.where(optical.valid[:FEWEST, :, None], optical.values[:FEWEST], np.nan),
-                       axis=0)
-    seen = np.isfinite(first).all(axis=1)
-    there, here = first[seen].mean(axis=0), optical.rest[seen].mean(axis=0)
+    valid = optical.valid[:FEWEST]
+    seen = valid.any(axis=0)
     if seen.sum() < 3:
+        notes.append('Fewer than three markers are seen at first: the frame of the tracker is '
+                     'taken for that of the scene.')
         return optical.values
+    sums = np.where(valid[..., None], optical.values[:FEWEST], 0.0).sum(axis=0)
+    first = sums / np.maximum(valid.sum(axis=0), 1)[:, None]
+    there, here = first[seen].mean(axis=0), optical.rest[seen].mean(axis=0)
     turn, _ = Rotation.align_vectors(optical.rest[seen] - here, first[seen] - there)
     return (optical.values - there) @ turn.as_matrix().T + here

@@ -33,14 +33,15 @@ def together(stream, notes):
     the straight line between their neighbours, unless a sample is missing there.
     """
     times = [stream.t[stream.valid[:, k]] for k in range(len(stream.names))]
-    if len(times) < 2 or all(_shares(k, times) for k in range(len(times))):
+    alive = [k for k, own in enumerate(times) if len(own) > 1]
+    if len(alive) < 2 or all(_shares(k, times) for k in alive):
         return stream
-    periods = [float(np.median(np.diff(t))) for t in times]
-    slowest = int(np.argmax(periods))
+    periods = {k: float(np.median(np.diff(times[k]))) for k in alive}
+    slowest = max(periods, key=periods.get)
     t = times[slowest]
     values = np.full((len(t), *stream.values.shape[1:]), np.nan)
-    for k, (own, period) in enumerate(zip(times, periods, strict=True)):
-        values[:, k] = _between(t, own, stream.values[stream.valid[:, k], k], period)
+    for k, period in periods.items():
+        values[:, k] = _between(t, times[k], stream.values[stream.valid[:, k], k], period)
     notes.append(f'Channels of {stream.kind} have stamps of their own: all were taken at those of '
                  f'{stream.names[slowest]}.')
     return replace(stream, t=t, values=values, valid=np.isfinite(values).all(axis=2))

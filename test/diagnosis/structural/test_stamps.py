@@ -68,6 +68,12 @@ def test_sensors_with_common_stamps_are_left_as_they_are():
     assert together(holes, notes) is holes and not notes
 
 
+def test_a_sensor_that_says_nothing_takes_the_others_not_with_it():
+    times = apart(40.0)
+    one = together(stream(times, lost=[(2, i) for i in range(len(times[2]))]), [])
+    assert one.valid[1:, :2].all() and not one.valid[:, 2].any()
+
+
 def test_dates_become_seconds_and_all_streams_move_alike():
     t, date, notes = np.arange(0.0, 30.0, 0.1), 1.7e9, []
     first, none, later = from_zero((stream([t + date]), None, stream([t + date + 0.02])), notes)
