@@ -1,4 +1,6 @@
-"""From a decision to the parts of an answer: places, times, what lost, what is left."""
+"""From a decision to the parts of an answer: causes, places, times, what lost, what is left."""
+
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -24,11 +26,34 @@ def probabilities(decision):
     return share[0], share[1:-1]
 
 
-def places_of(fitted, scene, option=0):
-    """statements.Place of every term of a fitted.Fitted that is somewhere."""
+def places_of(fitted, scene):
+    """statements.Place of every term of a fitted.Fitted, None for one that is nowhere."""
     spreads = {} if fitted.refit is None else _spreads(fitted.refit)
-    found = [place_of(term, scene, spreads.get(i), option) for i, term in enumerate(fitted.terms)]
-    return tuple(one for one in found if one is not None)
+    return tuple(place_of(term, scene, spreads.get(i)) for i, term in enumerate(fitted.terms))
+
+
+def options_of(decision, fits, scene):
+    """(causes, places) of what was accepted and of what equals it, options numbered from 1.
+
+    fits : full_fits.FullFits. A cause that all options share holds in any case: it is told once,
+    without a number, as it was fitted in the likeliest.
+    """
+    if decision.accepted is None:
+        return (), ()
+    first, others = probabilities(decision)
+    causes, places = [], []
+    for number, (one, share) in enumerate(zip((decision.accepted, *decision.equals),
+                                              (first, *others), strict=True)):
+        fitted = fits.of(one)
+        for shared, cause, place in zip(decision.shared(one), fitted.causes(share),
+                                        places_of(fitted, scene), strict=True):
+            if shared and number:
+                continue
+            option = 0 if shared or not decision.equals else number + 1
+            sure = min(float(first + np.sum(others)), 1.0) if shared else cause.probability
+            causes.append(replace(cause, probability=sure, option=option))
+            places += [] if place is None else [replace(place, option=option)]
+    return tuple(causes), tuple(places)
 
 
 def _spreads(fit):

@@ -10,8 +10,7 @@ kinds of experiment that it was not fitted to, and leaves nothing; what these da
 it is named with it.
 """
 
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -49,6 +48,7 @@ class Rules:
     alarm: float = quantity(1e-3, '', 'chance of a structured test below which something is left',
                             low=1e-6, high=0.5, source='own choice: one in a thousand')
     partners: int = 12   # causes, best first, that are tried in pairs
+    alone: int = 3       # causes, best first, that are fitted in full alone
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,7 @@ class Candidate:
 
     explanations : the best one, or both of a pair;  evidence, held_out : gains over no cause
     mean, sd : (p,) of its parameters, in prior standard deviations
+    paid : per explanation, what its choice among the variants of its cause costs in evidence
     separation : from the cause that was accepted [sd]; inf for itself
     """
 
@@ -100,6 +101,7 @@ class Candidate:
     held_out: float
     mean: np.ndarray
     sd: np.ndarray
+    paid: tuple = (0.0,)
     separation: float = np.inf
 
     @property
@@ -126,6 +128,13 @@ class Decision:
     left: object
     before: object
     unproven: Candidate | None = None
+
+    def shared(self, candidate):
+        """Per explanation of a Candidate of the class: True if all of them have it."""
+        others = (self.accepted, *self.equals)
+        return tuple(bool(self.equals) and all(any(e is x for x in one.explanations)
+                                               for one in others)
+                     for e in candidate.explanations)
 
 
 class _Gram:
@@ -178,6 +187,9 @@ class Judge:
         self._gone = gone or (lambda candidate: False)
         self._check = check or (lambda candidate: self._scan(candidate.explanations))
         self._all, self._without = _grams(problem)
+        self._variants = {}
+        for one in problem.explanations:
+            self._variants.setdefault(one.cause, []).append(one)
         ends = np.cumsum([0, *(e.columns.shape[1] for e in problem.explanations)])
         self._columns = {id(e): np.arange(a, b) for e, a, b in
                          zip(problem.explanations, ends[:-1], ends[1:], strict=True)}
@@ -185,30 +197,41 @@ class Judge:
     def decide(self):
         """Return the Decision."""
         before, ranked = self._scan(()), self.singles()
-        tried = ranked[:1] if self._claims(ranked[:1]) and not self._gone(ranked[0]) else ()
-        if before.chance >= self.rules.alarm and not tried:
+        tried, left = self._alone(ranked, before)
+        if before.chance >= self.rules.alarm and tried is None:
             return Decision('nothing_missing', None, (), ranked, before, before)
-        left = self._check(tried[0]) if tried else before
-        if not tried or left.chance < self.rules.alarm:
+        if tried is None or left.chance < self.rules.alarm:
             pair = self._best_pair(ranked)
-            if (pair is not None and self._claims((pair,), over=tried)
-                    and not self._gone(pair)):
-                tried, left = (pair,), self._check(pair)
-        if not tried or left.chance < self.rules.alarm:
+            if pair is not None and self._claims(pair, over=tried) and not self._gone(pair):
+                tried, left = pair, self._check(pair)
+        if tried is None or left.chance < self.rules.alarm:
             return Decision('unexplained', None, (), ranked, left, before)
-        equals = self._equals(tried[0], ranked)
-        if not equals and self._may_be_load(tried[0]):
-            return Decision('unexplained', None, (), ranked, left, before, tried[0])
-        return Decision('equivalent' if equals else 'named', tried[0], equals, ranked, left,
-                        before)
+        equals = self._equals(tried, ranked)
+        if not equals and self._may_be_load(tried):
+            return Decision('unexplained', None, (), ranked, left, before, tried)
+        return Decision('equivalent' if equals else 'named', tried, equals, ranked, left, before)
 
-    def _claims(self, candidates, over=()):
-        """True if the first candidate stands out, from no cause and from those in `over`."""
-        if not candidates:
-            return False
-        one, base = candidates[0], over[0] if over else None
-        evidence = one.evidence - (base.evidence if base else 0.0)
-        held_out = one.held_out - (base.held_out if base else 0.0)
+    def _alone(self, ranked, before):
+        """(Candidate, what it leaves) of the single cause to go on with; (None, before) if none.
+
+        The first that stands out and does not vanish where it is fitted in full; one that is
+        nearly as likely where that leaves something and this does not.
+        """
+        first = None
+        for one in ranked[:self.rules.alone]:
+            far = first and first[0].evidence - one.evidence >= self.rules.rival
+            if far or not self._claims(one) or self._gone(one):
+                continue
+            left = self._check(one)
+            if left.chance >= self.rules.alarm:
+                return one, left
+            first = first or (one, left)
+        return first or (None, before)
+
+    def _claims(self, one, over=None):
+        """True if a Candidate stands out, from no cause or from the one in `over`."""
+        evidence = one.evidence - (over.evidence if over else 0.0)
+        held_out = one.held_out - (over.held_out if over else 0.0)
         lost = max(-held_out, 0.0)
         if evidence - lost >= self.rules.certain and lost <= self.rules.gainsaid * evidence:
             return True
@@ -219,50 +242,61 @@ class Judge:
 
     def singles(self):
         """The best Candidate of every cause, by evidence averaged over its variants."""
-        by_cause = {}
-        for one in self.problem.explanations:
-            by_cause.setdefault(one.cause, []).append(one)
-        found = []
-        for variants in by_cause.values():
-            gains = np.array([self._all.gain(self._of((v,))) for v in variants])
-            evidence = logsumexp(gains) - np.log(len(gains)) + variants[0].log_prior
-            found.append(self._candidate((variants[int(gains.argmax())],), evidence))
+        found = [self._best(cause) for cause in self._variants]
         return tuple(sorted(found, key=lambda c: -c.evidence))
 
-    def _best_pair(self, ranked):
-        """The pair of causes with the most evidence; None if there are not two."""
-        best = None
-        for one, other in combinations(ranked[:self.rules.partners], 2):
-            both = one.explanations + other.explanations
-            evidence = self._all.gain(self._of(both)) + sum(e.log_prior for e in both)
-            if best is None or evidence > best[0]:
-                best = (evidence, both)
-        return None if best is None else self._candidate(best[1], best[0])
+    def _best(self, cause, beside=()):
+        """The best Candidate of a cause, alone or beside Candidates of others as they are."""
+        variants = self._variants[cause]
+        rest = tuple(e for one in beside for e in one.explanations)
+        paid = tuple(p for one in beside for p in one.paid)
+        gains = np.array([self._all.gain(self._of((*rest, v))) for v in variants])
+        chosen = logsumexp(gains) - np.log(len(gains)) - gains.max() + variants[0].log_prior
+        return self._candidate((*rest, variants[int(gains.argmax())]), (*paid, float(chosen)))
 
-    def _candidate(self, explanations, evidence):
+    def _best_pair(self, ranked):
+        """The pair with the most evidence; None if there are not two causes.
+
+        One of the likeliest is as it is alone, the other where it does best beside it: what a weak
+        cause shows is not seen before the strong one is out of the way.
+        """
+        pairs = [self._best(cause, (one,)) for one in ranked[:self.rules.partners]
+                 for cause in self._variants if cause not in one.causes]
+        return max(pairs, key=lambda pair: pair.evidence, default=None)
+
+    def _candidate(self, explanations, paid):
         columns = self._of(explanations)
         B, a = self._all.normal(columns)
         covariance = np.linalg.inv(np.eye(len(a)) + B)
-        held_out = sum(self._all.gain(columns) - without.gain(columns)
-                       for without in self._without)
-        return Candidate(explanations, float(evidence), float(held_out), covariance @ a,
-                         np.sqrt(np.diag(covariance)))
+        gain = self._all.gain(columns)
+        held_out = sum(gain - without.gain(columns) for without in self._without)
+        return Candidate(explanations, gain + sum(paid), float(held_out), covariance @ a,
+                         np.sqrt(np.diag(covariance)), paid)
 
     def _scan(self, explanations):
         U = np.hstack([self.problem.U, *(e.columns for e in explanations)])
         return scan(U, self.problem.r, self.problem.tests, self._rng)
 
     def _equals(self, accepted, ranked):
-        """Single causes that are not told from the accepted one, each at its own best variant."""
+        """Candidates that are not told from the accepted one, each cause at its best variant.
+
+        Of a pair also those in which another cause has the place of either.
+        """
+        kept = [None]
+        if len(accepted.causes) > 1:
+            kept += [self._candidate((e,), (paid,)) for e, paid in
+                     zip(accepted.explanations, accepted.paid, strict=True)]
         out = []
-        for rival in ranked:
-            if set(rival.causes) & set(accepted.causes):
-                continue
-            apart = self._apart(accepted, rival)
-            close = accepted.evidence - rival.evidence < self.rules.rival
-            if apart < self.rules.apart or close and self._claims((rival,)):
-                out.append(Candidate(rival.explanations, rival.evidence, rival.held_out,
-                                     rival.mean, rival.sd, apart))
+        for rest in kept:
+            for one in ranked:
+                if set(one.causes) & set(accepted.causes):
+                    continue
+                rival = one if rest is None else self._best(one.causes[0], (rest,))
+                apart = self._apart(accepted, rival)
+                close = accepted.evidence - rival.evidence < self.rules.rival
+                alike = apart < self.rules.apart or close and self._claims(rival, over=rest)
+                if alike and not self._gone(rival):
+                    out.append(replace(rival, separation=apart))
         return tuple(out)
 
     def _apart(self, accepted, rival):

@@ -143,22 +143,18 @@ def _answer(judgement, found, looked, tests, provenance, ratio, left_out, reques
     accepted, specimen = decision.accepted, assembly.matched[0].baseline.model.specimen
     scene = specimen.scene
     explanations = accepted.explanations if accepted else ()
-    causes, where, when = [], [], []
-    notes = [*left_out, *judgement.notes, *_notes(looked)]
-    best = None
-    for number, (candidate, probability) in enumerate(_options(decision)):
-        option = number + 1 if decision.equals else 0
-        fitted = judgement.fits.of(candidate)
-        best, notes = best or fitted, [*notes, *fitted.notes]
-        causes += fitted.causes(probability, option)
-        where += conclude.places_of(fitted, scene, option)
-        when += conclude.times_of(assembly, candidate) if number == 0 else ()
+    causes, where = conclude.options_of(decision, judgement.fits, scene)
+    when = [] if accepted is None else conclude.times_of(assembly, accepted)
+    fitted = [judgement.fits.of(one) for one in (accepted, *decision.equals) if one is not None]
+    best = fitted[0] if fitted else None
+    notes = [*left_out, *judgement.notes, *_notes(looked),
+             *(note for one in fitted for note in one.notes)]
     causes, where, when = with_findings(found, scene, causes, where, when, decision)
     left = conclude.left_over(assembly, explanations)
     causes += [] if fault is None else [fault.cause()]
     if decision.unproven is not None:
         where += [replace(one, term='') for one in conclude.places_of(
-            judgement.fits.of(decision.unproven), scene)]
+            judgement.fits.of(decision.unproven), scene) if one is not None]
         when += [replace(one, term='') for one in conclude.times_of(assembly, decision.unproven)]
         notes.append(_would_do(decision.unproven))
     elif decision.verdict == 'unexplained' and fault is None:
@@ -203,14 +199,6 @@ def _would_do(candidate):
     return (f'An effect like {" with ".join(map(spoken, candidate.causes))} would explain it; but '
             'these recordings push in one way only, and a load that comes with the push would '
             'explain it as well.')
-
-
-def _options(decision):
-    """(decide.Candidate, probability) of what was accepted and of what equals it."""
-    if decision.accepted is None:
-        return []
-    first, others = conclude.probabilities(decision)
-    return [(decision.accepted, first), *zip(decision.equals, others, strict=True)]
 
 
 def _leads(decision):

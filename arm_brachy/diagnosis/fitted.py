@@ -50,10 +50,10 @@ class Fitted:
     notes: tuple = ()
     back: tuple = ()
 
-    def causes(self, probability, option=0):
-        """cause.Cause each."""
+    def causes(self, probability):
+        """cause.Cause each, that hold together."""
         return tuple(Cause(one.name, {**self._placed(i), **self.estimates[i]}, self._chosen(i),
-                           float(min(probability, 1.0)), option)
+                           float(min(probability, 1.0)))
                      for i, one in enumerate(self.hypotheses))
 
     def _placed(self, i):

@@ -30,7 +30,7 @@ class Accuracy:
 
 
 def with_accuracy(measured, shown, rest, channels, accuracy=None):
-    """observables.Measured each with the sd that model and sensor have together.
+    """observables.Measured each with what the model may be wrong by, state by state, as their own.
 
     shown : kind -> (n, c, 3) of the model;  channels : kind -> names of its c;  rest : the same
         as shown, with the pads at home
@@ -40,7 +40,7 @@ def with_accuracy(measured, shown, rest, channels, accuracy=None):
         index = [channels[stream.kind].index(name) for name in stream.names]
         moved = (shown[stream.kind] - rest[stream.kind])[:, index]
         size = share * np.linalg.norm(moved, axis=2)[..., None]
-        out.append(replace(stream, sd=np.sqrt(stream.sd**2 + size**2)))
+        out.append(replace(stream, own=np.broadcast_to(size, stream.sd.shape)))
     return tuple(out)
 
 

@@ -17,6 +17,8 @@ class Measured:
 
     kind : OPTICAL, EM or FORCE;  names : c channels;  values : (n, c, 3) SI;  valid : (n, c)
     sd : (n, c, 3) of the values, windows averaged;  correlation : (n, n) of noise between states
+    own : (n, c, 3) or 0, standard deviation of what differs from state to state besides: a sensor
+        that is slow remembers its noise, a model its errors not
     """
 
     kind: str
@@ -25,6 +27,12 @@ class Measured:
     valid: np.ndarray
     sd: np.ndarray
     correlation: np.ndarray
+    own: np.ndarray | float = 0.0
+
+    @property
+    def total(self):
+        """(n, c, 3) standard deviation of all together."""
+        return np.hypot(self.sd, self.own)
 
 
 @dataclass(frozen=True)
@@ -74,7 +82,9 @@ class Observables:
                 there = channels[stream.kind].index(name)
                 for axis in range(3) if len(seen) else ():
                     sd = stream.sd[seen, c, axis]
-                    covariance = np.outer(sd, sd) * stream.correlation[np.ix_(seen, seen)]
+                    own = np.broadcast_to(stream.own, stream.sd.shape)[seen, c, axis]
+                    covariance = np.diag(own**2) + (
+                        np.outer(sd, sd) * stream.correlation[np.ix_(seen, seen)])
                     factor = cholesky(covariance, lower=True)
                     self._blocks.append((stream.kind, c, there, axis, seen, factor))
                     rows += [Row(stream.kind, name, axis, int(i)) for i in seen]
@@ -84,7 +94,8 @@ class Observables:
         """The Observables at some states (m,) only, numbered anew."""
         return Observables([replace(
             stream, values=stream.values[states], valid=stream.valid[states],
-            sd=stream.sd[states], correlation=stream.correlation[np.ix_(states, states)])
+            sd=stream.sd[states], correlation=stream.correlation[np.ix_(states, states)],
+            own=np.broadcast_to(stream.own, stream.sd.shape)[states])
             for stream in self.measured], self._channels)
 
     def louder(self, factors, memory):
@@ -142,7 +153,7 @@ class Observables:
     def sd(self):
         """(N,) standard deviation of every row, SI."""
         by_kind = {stream.kind: stream for stream in self.measured}
-        out = [by_kind[kind].sd[seen, c, axis] for kind, c, _, axis, seen, _ in self._blocks]
+        out = [by_kind[kind].total[seen, c, axis] for kind, c, _, axis, seen, _ in self._blocks]
         return np.concatenate(out) if out else np.zeros(0)
 
     def difference(self, predicted):

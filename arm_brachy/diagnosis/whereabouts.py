@@ -13,13 +13,13 @@ BOUNDARIES = {'base_debond': 'base', 'base_compliance': 'base', 'breathing': 'ba
 CENTRES = ('centre', 'bump_centre')
 
 
-def place_of(term, scene, spread=None, option=0):
+def place_of(term, scene, spread=None):
     """statements.Place of a term of the registry, as it was found; None if it is everywhere.
 
     scene : core.scene.Scene;  spread : (3, 3) [m^2] covariance of its centre, None = no centre
     """
     name, kind = term.spec.name, term.spec.kind
-    said = {'term': name, 'option': option}
+    said = {'term': name}
     if spread is not None:
         centre = next(getattr(term, key) for key in CENTRES if hasattr(term, key))
         return Place(boundary=BOUNDARIES.get(name, ''), position=tuple(map(float, centre)),

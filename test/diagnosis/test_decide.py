@@ -28,16 +28,17 @@ class World:
         self.tests, _ = per_channel({'constant': np.ones(n), 'depth': depth, 'depth^2': depth**2,
                                      'time': time}, self.channel)
 
-    def explanations(self, *extra):
+    def explanations(self, *extra, cause=lambda i: True):
         singles = tuple(Explanation(f'cause_{i}', '', 3.0 * self.responses[i][:, None])
-                        for i in range(CAUSES))
+                        for i in range(CAUSES) if cause(i))
         return singles + extra
 
-    def decide(self, effect, *extra, gone=None):
+    def decide(self, effect, *extra, gone=None, check=None, cause=lambda i: True):
         r = (effect + self.nuisance @ self.rng.normal(size=CHANNELS)
              + self.rng.normal(size=len(self.channel)))
-        problem = Problem(r, self.nuisance, self.kinds, self.tests, self.explanations(*extra))
-        return Judge(problem, self.rng, gone=gone).decide()
+        problem = Problem(r, self.nuisance, self.kinds, self.tests,
+                          self.explanations(*extra, cause=cause))
+        return Judge(problem, self.rng, gone=gone, check=check).decide()
 
 
 @pytest.fixture(params=range(4))
@@ -65,6 +66,45 @@ def test_what_cannot_be_told_apart_comes_as_a_class(world):
     names = {decision.accepted.causes[0]} | {c.causes[0] for c in decision.equals}
     assert names == {'cause_3', 'twin'}
     assert decision.equals[0].separation < 0.01
+
+
+def test_a_pair_of_which_one_cannot_be_told_comes_as_a_class_around_the_other(world):
+    twin = Explanation('twin', '', -2.0 * 3.0 * world.responses[3][:, None])
+    decision = world.decide(world.responses[3] - 1.5 * world.responses[5], twin)
+    assert decision.verdict == 'equivalent'
+    options = [decision.accepted, *decision.equals]
+    assert {frozenset(one.causes) for one in options} == {
+        frozenset({'cause_3', 'cause_5'}), frozenset({'twin', 'cause_5'})}
+    for one in options:
+        assert dict(zip(one.causes, decision.shared(one), strict=True)) == {
+            name: name == 'cause_5' for name in one.causes}
+
+
+def test_the_place_of_a_weak_cause_is_looked_for_beside_the_strong_one(world):
+    """Alone, the variant that is most like the strong cause does best."""
+    strong, weak = world.responses[1], world.responses[6]
+    like = Explanation('spot', 'elsewhere', 3.0 * (0.9 * strong + world.responses[7])[:, None])
+    spots = (Explanation('spot', 'there', 3.0 * weak[:, None]), like)
+    decision = world.decide(5.0 * strong + 0.8 * weak, *spots, cause=lambda i: i != 6)
+    alone = next(one for one in decision.ranked if one.causes == ('spot',))
+    assert alone.explanations[0].variant == 'elsewhere'
+    assert decision.verdict == 'named' and set(decision.accepted.causes) == {'cause_1', 'spot'}
+    assert 'there' in [e.variant for e in decision.accepted.explanations]
+
+
+def test_a_pair_pays_for_the_places_that_were_searched(world):
+    """The same data: a cause of 64 places has to earn what one of a single place need not."""
+    places = tuple(Explanation('spot', f'{k}', 3.0 * np.roll(world.stranger, k)[:, None])
+                   for k in range(64))
+    r = world.responses[2] + np.roll(world.stranger, 0)
+
+    def evidence(explanations):
+        problem = Problem(r, world.nuisance, world.kinds, world.tests,
+                          world.explanations(*explanations))
+        judge = Judge(problem, np.random.default_rng(0))
+        return judge._best('spot', (judge._best('cause_2'),)).evidence
+    alone = evidence(places[:1])
+    assert alone - np.log(64) <= evidence(places) + 1e-9 < alone
 
 
 def test_a_stranger_to_the_catalogue_is_not_named(world):
@@ -103,6 +143,21 @@ def test_what_a_full_fit_leaves_no_size_is_not_claimed(world):
     assert decision.verdict in ('nothing_missing', 'unexplained') and decision.accepted is None
     loud = world.decide(5.0 * world.responses[2], gone=lambda one: 'cause_2' in one.causes)
     assert loud.verdict == 'unexplained'
+
+
+def test_what_vanishes_makes_room_for_the_next_in_line(world):
+    """The likeliest by its linear answer is nothing in full: the one behind it is looked at."""
+    like = Explanation('like', '', 2.5 * world.responses[2][:, None])
+    asked = []
+
+    def gone(one):
+        asked.append(one.causes)
+        return one.causes == asked[0]
+    decision = world.decide(world.responses[2], like, gone=gone)
+    first, = decision.ranked[0].causes
+    assert asked[0] == (first,)
+    assert {first, *decision.accepted.causes} == {'like', 'cause_2'}
+    assert all(first not in one.causes for one in decision.equals)
 
 
 def sagging(world, coupling):

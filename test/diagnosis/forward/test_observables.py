@@ -50,6 +50,22 @@ def test_noise_of_any_colour_and_size_comes_out_white():
     assert np.abs(covariance - np.eye(21)).max() < 5.0 * np.sqrt(2.0 / 1500)
 
 
+def test_a_slow_sensor_makes_no_model_more_exact():
+    """Noise that hardly changes cancels in differences; what a model is wrong by does not."""
+    n, slow, own = 40, 1.0, 1e-5
+    correlation = 0.999 ** np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    stream = Measured('em', ('tip',), np.zeros((n, 1, 3)), np.ones((n, 1), bool),
+                      np.full((n, 1, 3), slow * own), correlation, np.full((n, 1, 3), own))
+    both, rng = Observables((stream,), NAMES), np.random.default_rng(3)
+    wrong = own * rng.standard_normal((n, 1, 3))
+    told = both.residual({'em': wrong})
+    assert np.mean(told**2) < 1.0 + 4.0 * np.sqrt(2.0 / (3 * n))
+    assert both.sd == pytest.approx(np.full(3 * n, np.sqrt(2.0) * own))
+    thought_slow = Measured('em', ('tip',), stream.values, stream.valid,
+                            np.full((n, 1, 3), np.sqrt(2.0) * own), correlation)
+    assert np.mean(Observables((thought_slow,), NAMES).residual({'em': wrong})**2) > 100.0
+
+
 def test_what_was_not_seen_has_no_row_and_names_find_their_place():
     both = Observables((correlated(),), NAMES)
     assert not any(row.channel == 'c' and row.state == 1 for row in both.rows)
