@@ -50,19 +50,26 @@ def assemble(matched, tried, sound=0):
                          for one, part in zip(tried.hypotheses, columns, strict=True))
     problem = Problem(np.concatenate([m.r for m in matched]), U,
                       np.concatenate([m.kinds for m in matched]), tests, explanations,
-                      load_cases(matched[:len(matched) - sound]))
+                      load_cases(matched, sound))
     return Assembly(matched, tried, problem, labels, names, sound)
 
 
-def load_cases(matched):
-    """Number of different sets of pads that were pushed together in Matched recordings.
+def load_cases(matched, sound=0):
+    """(N,) number of the load case of every row of Matched recordings; -1 = none.
 
-    A push goes PART as deep as the deepest of all, a pad in it as the deepest at the time.
+    A load case is a set of pads that are pushed together: a push goes PART as deep as the deepest
+    of all, a pad in it as the deepest at the time. The last `sound` recordings have none, as no
+    cause acts there.
     """
-    q = np.abs(np.vstack([m.recorded.states.q for m in matched]))
+    suspects = matched[:len(matched) - sound]
+    q = np.abs(np.vstack([m.recorded.states.q for m in suspects]))
     depth = q.max(axis=1, initial=0.0)
-    pushed = depth > PART * depth.max(initial=0.0)
-    return len(np.unique(q[pushed] > PART * depth[pushed, None], axis=0))
+    _, number = np.unique(q > PART * depth[:, None], axis=0, return_inverse=True)
+    of_state = np.where(depth > PART * depth.max(initial=0.0), number.ravel(), -1)
+    ends = np.cumsum([0, *(len(m.recorded.states.t) for m in suspects)])
+    rows = [of_state[first:][m.observables.states]
+            for first, m in zip(ends[:-1], suspects, strict=True)]
+    return np.concatenate([*rows, *(np.full(len(m.r), -1) for m in matched[len(suspects):])])
 
 
 def label(hypothesis):

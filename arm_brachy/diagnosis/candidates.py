@@ -19,7 +19,8 @@ RELAXATION_TIMES = (0.5, 3.0, 15.0)     # s: what a recording of a minute tells 
 SOFTENING_ENERGIES = (15.0, 150.0)      # J/m^3: strains of 7 and 22 %
 # Directions of fibres, whose dyads span the symmetric tensors: azimuth, elevation [deg]
 FIBRES = ((0.0, 0.0), (90.0, 0.0), (0.0, 90.0), (45.0, 0.0), (0.0, 45.0), (90.0, 45.0))
-# Strengths that belong to a place; a second branch is left to the full fit.
+SECOND_BRANCH = 40.0    # s, beside a first that is faster by far: creep of tissue has both
+# Strengths that are free only where a place is given.
 TIED = {'bump_height': 'bump_centre', 'g2': 'tau2'}
 
 
@@ -54,10 +55,9 @@ def candidates(cls, specimen, occasions=None):
 
 
 def _free(free, combination):
-    """Strengths with a place of their own are free where it is given, and then they alone."""
+    """All strengths but those whose place is not given: one part of a cause hides no other."""
     given = {key for part in combination for key in part}
-    tied = {name for name, place in TIED.items() if place in given}
-    return tuple(s for s in free if (s.name in tied if tied else s.name not in TIED))
+    return tuple(s for s in free if s.name not in TIED or TIED[s.name] in given)
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,8 @@ _CHOICES = (
         {'bump_centre': tuple(place)} for place in surface_places(s, SURFACE, base=False)]),
     _Choice(_has('azimuth', 'elevation'), lambda cls, s, o: [
         {'azimuth': np.radians(a), 'elevation': np.radians(e)} for a, e in FIBRES]),
-    _Choice(_has('tau1'), lambda cls, s, o: [{'tau1': tau} for tau in RELAXATION_TIMES]),
+    _Choice(_has('tau1'), lambda cls, s, o: [{'tau1': tau} for tau in RELAXATION_TIMES] + [
+        {'tau1': tau, 'tau2': SECOND_BRANCH} for tau in RELAXATION_TIMES[:-1]]),
     _Choice(_has('damage', 'energy'),
             lambda cls, s, o: [{'energy': energy} for energy in SOFTENING_ENERGIES]),
     _Choice(_has('frequency'), _rhythms),

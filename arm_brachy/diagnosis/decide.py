@@ -75,7 +75,8 @@ class Problem:
     r : (n,) residual over noise;  U : (n, k) nuisances and mesh, in prior standard deviations
     kinds : (n,) kind of experiment of every row, whole kinds are held out
     tests : (n, m) columns of structured tests (`adequacy.per_channel`)
-    explanations : tuple of Explanation;  load_cases : number of different pushes
+    explanations : tuple of Explanation
+    pushes : (n,) number of the load case of every row, -1 = none (`assembly.load_cases`)
     """
 
     r: np.ndarray
@@ -83,7 +84,7 @@ class Problem:
     kinds: np.ndarray
     tests: np.ndarray
     explanations: tuple
-    load_cases: int = 2
+    pushes: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -238,7 +239,21 @@ class Judge:
         return evidence >= self.rules.evidence and held_out >= self.rules.held_out
 
     def _may_be_load(self, candidate):
-        return any(e.load_cases > self.problem.load_cases for e in candidate.explanations)
+        """True if a cause of it shows in fewer pushes than tell it from a load."""
+        first = 0
+        for e in candidate.explanations:
+            width = e.columns.shape[1]
+            effect = e.columns @ candidate.mean[first:first + width]
+            first += width
+            if e.load_cases > 1 and self._pushes_showing(effect) < e.load_cases:
+                return True
+        return False
+
+    def _pushes_showing(self, effect):
+        """Number of load cases in which an effect (n,) is as large as what is told apart."""
+        pushed = self.problem.pushes >= 0
+        power = np.bincount(self.problem.pushes[pushed], effect[pushed]**2)
+        return int(np.sum(power >= self.rules.apart**2))
 
     def singles(self):
         """The best Candidate of every cause, by evidence averaged over its variants."""

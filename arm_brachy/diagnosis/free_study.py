@@ -130,7 +130,8 @@ class FreeStudy:
         kinds = np.array([f'{row.scene} {kind_of(row)}' for row in self.rows])
         seen = np.array([row.kind != BASE for row in self.rows])
         return Problem(self.residual(), U, kinds, np.eye(len(self.rows))[:, seen],
-                       tuple(Explanation(*a.free.key, a.columns) for a in answers))
+                       tuple(Explanation(*a.free.key, a.columns) for a in answers),
+                       np.full(len(self.rows), -1))
 
     def _mesh(self):
         """(n, s) what other meshes of each scene change; none where that costs too much."""

@@ -15,7 +15,8 @@ from arm_brachy.experiments.diagnosis_score import (
 from arm_brachy.registry import by_name
 
 EMPTY = {'place_right': None, 'place_error_mm': None, 'onset_right': None, 'onset_error_s': None,
-         'parameter_right': None, 'parameter_error_percent': None, 'interval_holds': None}
+         'parameter_right': None, 'parameter_error_percent': None, 'interval_holds': None,
+         'intervals': 0, 'intervals_held': 0}
 CHANNELS = ('actuators', 'pads', 'tools')     # values that are tuples of names
 NAMES = ('pad', 'target', 'marker_name', 'stream')
 STREAMS = {'forces': 'force'}               # our word for a stream of theirs
@@ -84,9 +85,10 @@ def _inside(interval, t):
 
 
 def _parameters(cause, effect):
-    """Largest error relative to the departure from 'off', and whether all intervals hold.
+    """Largest error relative to the departure from 'off', and how many intervals hold, and all.
 
-    A strength that was planted and is not told counts as 'off'.
+    A strength that was planted and is not told counts as 'off', and as an interval that does not
+    hold; a vector has one interval per component.
     """
     infos = quantities(by_name(effect['name']))
     keys = [(info, info.key(name)) for name, info in infos.items()
@@ -95,16 +97,25 @@ def _parameters(cause, effect):
     if not keys:
         return {}
     told = cause['parameters']
+    held = [one for _, key in keys for one in _held(told.get(key), effect['values'][key])]
+    counted = {'interval_holds': all(held), 'intervals': len(held), 'intervals_held': sum(held)}
     if any(key not in told for _, key in keys):
-        return {'parameter_error_percent': 100.0, 'parameter_right': False,
-                'interval_holds': False}
+        return {'parameter_error_percent': 100.0, 'parameter_right': False, **counted}
     errors = [departure(info, told[key]['value'], effect['values'][key]) for info, key in keys]
     if effect['name'] in PRODUCTS:
         errors = [_product(effect, told, infos)]
-    held = all(holds(told[key]['interval_90'], effect['values'][key]) for _, key in keys)
     worst = float(max(errors))
     return {'parameter_error_percent': 100.0 * worst, 'parameter_right': worst <= TOLERANCE,
-            'interval_holds': held}
+            **counted}
+
+
+def _held(told, true):
+    """Per component of a true value, whether the interval told holds it."""
+    parts = np.atleast_1d(np.asarray(true, dtype=float))
+    if told is None:
+        return [False] * len(parts)
+    low, high = (np.atleast_1d(np.asarray(end, dtype=object)) for end in told['interval_90'])
+    return [holds(ends, part) for *ends, part in zip(low, high, parts, strict=True)]
 
 
 def _is_off(info, value):

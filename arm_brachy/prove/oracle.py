@@ -79,15 +79,17 @@ def analyse_all(folder, jobs, modes, source, workers, progress):
 
 
 def analyse(source, jobs, modes, cache):
-    """Columns of `seen` for jobs that share a body: case -> mode -> dict; rivals are the others'.
+    """Columns of `seen` for jobs that share a body: case -> mode -> dict.
 
-    A rival has another label and one effect; it acts in the set-up and protocol of the case.
+    Rivals are the others', of another label and one effect, in the set-up and protocol of the
+    case, and what is most like its own where it is (`Sight.twins`).
     """
     sight = import_module(source).Sight(jobs, cache)
     found = {}
     for job in jobs:
         rivals = [(sight.label(other), sight.effect(job, other)) for other in jobs
                   if sight.is_rival(other) and sight.label(other) not in sight.label(job)]
+        rivals += sight.twins(job)
         effect = sight.effect(job, job)
         found[job.name] = {mode: seen(effect, sight.nuisances(job, mode), rivals)
                            for mode in modes}

@@ -103,8 +103,9 @@ def _details(record, truth, word):
         told = answer['recalibrated']['E_kPa']
         low, high = told['interval_90']
         true = true_modulus(truth)
+        held = bool((low or -np.inf) <= true <= (high or np.inf))
         chosen = {**chosen, 'parameter_error_percent': 100 * modulus_error(answer, truth),
-                  'parameter_right': True,
-                  'interval_holds': (low or -np.inf) <= true <= (high or np.inf)}
+                  'parameter_right': True, 'interval_holds': held, 'intervals': 1,
+                  'intervals_held': int(held)}
     return chosen
 

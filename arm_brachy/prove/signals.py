@@ -28,6 +28,9 @@ EM_ZERO, FORCE_ZERO, CLOCK = 2e-4 / np.sqrt(3), 0.03, 2e-3 / np.sqrt(3)
 # Where markers are glued is known to this per axis; a recording of the sound set-up shows it.
 PLACEMENT = Calibration().placement
 STREAMS = ('forces', 'optical', 'em', 'encoders')
+# What else one actuator may do in proportion to its push, of a size that any is scaled from.
+TWINS = {'actuator_gain': {'gain': 0.01, 'offset_mm': 0.0},
+         'actuator_compliance': {'compliance_mm_N': 0.01}}
 
 
 class Sight:
@@ -59,6 +62,21 @@ class Sight:
         case = self._cases[job.name]
         return self._flat(case, self._play(case, self._cases[other.name].effects,
                                            self._worlds[other.name]), self._null(case))
+
+    def twins(self, job):
+        """(name, whitened effect (n,)) of what is most like the one thing planted, where it is.
+
+        No other case need have it at the same actuator; without it a gain would count as told
+        from a compliance because other cases have that elsewhere.
+        """
+        case = self._cases[job.name]
+        for name, values in TWINS.items():
+            first, *more = case.effects
+            if not more and first.name in TWINS and first.name != name:
+                twin = replace(first, name=name,
+                               values={**values, 'actuators': first.values['actuators']})
+                played = self._play(case, (twin,), self._sound)
+                yield name, self._flat(case, played, self._null(case))
 
     def nuisances(self, job, mode):
         """Whitened nuisances (n, k), a column each, times their prior standard deviations.

@@ -19,6 +19,7 @@ class World:
         depth = np.tile(np.abs(np.sin(np.linspace(0.0, 3.0 * np.pi, STATES))), CHANNELS)
         time = np.tile(np.linspace(0.0, 1.0, STATES), CHANNELS)
         self.kinds = np.tile(np.arange(STATES) * 3 // STATES, CHANNELS)
+        self.pushes = self.kinds
         shapes = np.stack([depth, depth**2, time, depth * time, np.sin(7.0 * time)])
         weights = self.rng.normal(size=(CAUSES + 1, len(shapes), CHANNELS))
         self.responses = np.einsum('csk,sn,kn->cn', weights, shapes,
@@ -37,7 +38,7 @@ class World:
         r = (effect + self.nuisance @ self.rng.normal(size=CHANNELS)
              + self.rng.normal(size=len(self.channel)))
         problem = Problem(r, self.nuisance, self.kinds, self.tests,
-                          self.explanations(*extra, cause=cause))
+                          self.explanations(*extra, cause=cause), self.pushes)
         return Judge(problem, self.rng, gone=gone, check=check).decide()
 
 
@@ -100,7 +101,7 @@ def test_a_pair_pays_for_the_places_that_were_searched(world):
 
     def evidence(explanations):
         problem = Problem(r, world.nuisance, world.kinds, world.tests,
-                          world.explanations(*explanations))
+                          world.explanations(*explanations), world.pushes)
         judge = Judge(problem, np.random.default_rng(0))
         return judge._best('spot', (judge._best('cause_2'),)).evidence
     alone = evidence(places[:1])
@@ -158,6 +159,18 @@ def test_what_vanishes_makes_room_for_the_next_in_line(world):
     assert asked[0] == (first,)
     assert {first, *decision.accepted.causes} == {'like', 'cause_2'}
     assert all(first not in one.causes for one in decision.equals)
+
+
+@pytest.mark.parametrize(('shows', 'verdict'), [((0,), 'unexplained'), ((0, 2), 'named')])
+def test_what_a_load_may_be_has_to_show_in_two_pushes(world, shows, verdict):
+    """Three different pushes were made: it counts in how many of them it shows."""
+    effect = np.where(np.isin(world.kinds, shows), 3.0 * world.stranger, 0.0)
+    lump = Explanation('lump', '', effect[:, None], load_cases=2)
+    # what kinds held out gain by it is another door
+    decision = world.decide(2.0 * effect, lump)
+    assert decision.verdict == verdict
+    candidate = decision.unproven if verdict == 'unexplained' else decision.accepted
+    assert candidate.causes == ('lump',)
 
 
 def sagging(world, coupling):

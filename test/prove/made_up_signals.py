@@ -18,5 +18,8 @@ class Sight:
     def effect(self, job, other):
         return 10.0 * other.rng().uniform(0.2, 2.0) * np.eye(5)[NAMES.index(self.label(other))]
 
+    def twins(self, job):
+        return [('twin', self.effect(job, job) + 99.0 * np.eye(5)[4])]
+
     def nuisances(self, job, mode):
         return np.zeros((5, 1))

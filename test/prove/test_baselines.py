@@ -18,7 +18,7 @@ def problem(amount, seed=3):
     explanations = tuple(Explanation(f'cause_{i}', '', 10.0 * shape)
                          for i, shape in enumerate(shapes))
     r = noise + 2.0 * nuisances[:, 0] + amount * shapes[4, :, 0]
-    return Problem(r, nuisances, np.zeros(N), np.zeros((N, 1)), explanations)
+    return Problem(r, nuisances, np.zeros(N), np.zeros((N, 1)), explanations, np.zeros(N, int))
 
 
 def test_a_strong_effect_is_found_by_those_that_look():

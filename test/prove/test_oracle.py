@@ -88,3 +88,5 @@ def test_bodies_that_were_seen_are_not_looked_at_again(tmp_path):
     assert set(read_json(folder / 'oracle.json')) == {'case_0', 'case_1'}
     assert set(analysed(after=2)) == {job.name for job in jobs}
     assert steps == [(0, 3), (1, 3), (1, 3), (2, 3), (3, 3)]
+    found = read_json(folder / 'oracle.json')['case_0']['absolute']
+    assert found['rival'] == 'twin' and found['separation_sd'] < found['detectability_sd']

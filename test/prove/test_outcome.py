@@ -6,6 +6,7 @@ from made_up_answers import answer, cause, effect, record, truth
 
 from arm_brachy.prove.outcome import confidence, outcome, rank
 from arm_brachy.prove.score import first_said, score
+from arm_brachy.prove.totals import shares
 
 BACKLASH = effect('backlash', {'width_mm': 0.2, 'actuators': ['pad_2']}, size=0.8,
                   place=[0.05, 0.0, 0.02])
@@ -138,6 +139,18 @@ def test_a_parameter_that_was_not_told_is_not_right():
     row = score(record(answer('named', cause('backlash'))), truth(BACKLASH))
     assert row['parameter_right'] is False
     assert row['interval_holds'] is False
+
+
+def test_each_interval_counts_components_of_vectors_too():
+    """A 90 % interval is one of ten times beside the truth, so that all of several seldom hold."""
+    force = effect('external_force', {'force_N': [0.2, 0.0, -0.1], 'radius_mm': 8.0})
+    given = answer('named', cause('external_force', parameters={'force_N': {
+        'value': [0.21, 0.0, 0.1], 'interval_90': [[0.1, -0.1, 0.0], [0.3, 0.1, 0.2]]}}))
+    row = score(record(given), truth(force))
+    assert (row['intervals'], row['intervals_held']) == (3, 2)
+    assert row['interval_holds'] is False
+    told_all, = (one for one in shares([row]) if one['what'].startswith('90 % intervals'))
+    assert (told_all['count'], told_all['of']) == (2, 3)
 
 
 def test_what_is_strange_has_to_be_found_where_and_when_it_is():
