@@ -20,7 +20,7 @@ from arm_brachy.tissue.newton import StaticSolver
 PUSH, STEP = 10e-3, 1e-3   # m
 NEAR = 1e-4                # m: a tenth of a millimetre
 MS, MICRO = 1e3, 1e6
-# task -> (column, unit, limit) of its target, on linear elements, for which the limits were set
+# task -> (column, unit, limit) of its target; set for the thesis' linear elements, asked of both
 GOALS = {'warm 1 mm step': ('cpu_ms', 'ms', 20.0), 'Jacobian, 4 pads': ('cpu_ms', 'ms', 10.0),
          'ADMM, one iteration': ('wall_ms', 'ms', 1.0), 'ADMM to 0.1 mm': ('wall_ms', 'ms', 100.0)}
 
@@ -36,13 +36,13 @@ def task_rows():
 
 
 def task_targets(rows):
-    """Targets of the rows of linear elements."""
+    """A Target of every row."""
     goals = []
     for row in rows:
-        if row['element'] == 'linear':
-            column, unit, limit = GOALS[row['task']]
-            goals.append(Target(f'{row["task"]}, linear: {column.split("_")[0]} time', row[column],
-                                unit, f'<= {limit:g}', bool(row[column] <= limit)))
+        column, unit, limit = GOALS[row['task']]
+        clock = column.split('_')[0]
+        goals.append(Target(f'{row["task"]}, {row["element"]}: {clock} time', row[column], unit,
+                            f'<= {limit:g}', bool(row[column] <= limit)))
     return goals
 
 

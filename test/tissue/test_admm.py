@@ -129,7 +129,8 @@ def breast(pushes_mm, nu):
 
 
 CASES = [((10, 0, 0, 0), 0.49), ((15, 0, 0, 0), 0.45), ((15, 0, 15, 0), 0.49),
-         ((15, 0, 15, 0), 0.45), ((15, 15, 0, 0), 0.49), ((15, 15, 15, 15), 0.45),
+         ((15, 0, 15, 0), 0.45), ((15, 15, 0, 0), 0.49), ((15, 15, 0, 0), 0.45),
+         ((15, 15, 15, 15), 0.45),
          ((20, 0, 20, 0), 0.49), ((20, 0, 20, 0), 0.45), ((10, 0, 0, 0), 0.499)]
 
 
@@ -157,17 +158,20 @@ def test_published_iteration_cycles(pushes, nu):
 
 
 @pytest.mark.parametrize('depth', [0, 6])
-def test_merit_falls_with_every_accepted_step(depth):
-    """So no iterate can come back, on the case on which the published iteration cycles."""
-    body, displacement, _ = breast((15, 0, 15, 0), 0.49)
+@pytest.mark.parametrize(('pushes', 'nu'), [((15, 0, 15, 0), 0.49), ((15, 0, 15, 0), 0.45),
+                                            ((15, 15, 0, 0), 0.49), ((15, 15, 0, 0), 0.45)])
+def test_merit_falls_with_every_accepted_step(pushes, nu, depth):
+    """So no iterate can come back, on cases on which the published iteration cycles."""
+    body, displacement, _ = breast(pushes, nu)
     result = AdmmSolver(body, AdmmOptions(depth=depth, max_iterations=120)).solve(
         body.mesh.nodes, displacement)
     merit, weights = result.merits.T
     change = np.diff(merit)[np.diff(weights) == 0]
     assert len(change) > 20
     assert (change < 1e-12 * np.abs(merit).max()).all()
-    assert result.weight > 2.0  # it had to grow, and did so a handful of times
     assert result.reweighings < 15
+    if (pushes, nu) == ((15, 0, 15, 0), 0.49):
+        assert result.weight > 2.0  # it had to grow, and did so a handful of times
 
 
 def test_extrapolation_saves_iterations(body):

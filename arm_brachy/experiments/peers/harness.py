@@ -20,7 +20,8 @@ TOLERANCE = 1e-6     # m, largest distance of a node from the converged solution
 TIGHT = 1e-10        # m, last correction of the converged solution: four decades below
 LOAD_STEPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 MOST_CORRECTIONS = 15   # in the last load step; Newton's method that needs more does not converge
-REPEATS = 5
+REPEATS = 5          # at least, and until
+LONG = 3.0           # s of them are timed: of solves of some milliseconds the least of many counts
 PATIENCE = 20.0      # s of timed solves, after which no other repetition begins
 
 
@@ -74,21 +75,19 @@ def find_plan(solve, problem, failures):
     raise Diverged(f'no convergence with up to {LOAD_STEPS[-1]} load steps')
 
 
-def timed(call, repeats=REPEATS):
+def timed(call):
     """Return (result, CPU s, wall s) of the call that needed the least CPU time, all threads.
 
     No call begins once PATIENCE is used up, so what is slow is run once.
     """
-    best, spent = None, 0.0
-    for _ in range(repeats):
+    best, spent, made = None, 0.0, 0
+    while (made < REPEATS or spent < LONG) and spent <= PATIENCE:
         cpu, wall = time.process_time(), time.perf_counter()
         result = call()
         cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
         if best is None or cpu < best[1]:
             best = result, cpu, wall
-        spent += wall
-        if spent > PATIENCE:
-            break
+        spent, made = spent + wall, made + 1
     return best
 
 
