@@ -49,7 +49,7 @@ def actuator_findings(prepared, pads):
                 gains[one.marker] = (one, value, sd, z)
             elif z > limit:
                 out.append(_actuator(prepared, one, cause, value, sd, z))
-        out += _tilt(prepared, one, len(pads))
+        out += [*_tilt(prepared, one, len(pads)), *_uneven(prepared, one)]
     return (*out, *_gain_findings(prepared, gains, pads, limit))
 
 
@@ -112,3 +112,15 @@ def _tilt(prepared, one, tests):
                     'aside of the push direction in the scene.',
                     parameters={'tilt_up': float(up), 'tilt_side': float(side),
                                 'pads': (one.pad,)})]
+
+
+def _uneven(prepared, one):
+    """An actuator that errs from place to place: no term says it."""
+    if one.course is None:
+        return []
+    return [Finding(ENCODER, one.pad, None, '', one.course.rms, 'm', 0.0,
+                    float(np.sqrt(one.course.statistic)), *map(float, prepared.evidence.span),
+                    f'The marker on {one.pad} departs from the encoder by '
+                    f'{1e3 * one.course.rms:.2f} mm (rms) that follows where the pad stands, as '
+                    'no gain, yield or play does: a screw, a gear or a scale that is not even. '
+                    'The model was driven by the encoder put right by it.')]

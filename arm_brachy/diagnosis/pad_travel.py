@@ -2,7 +2,8 @@
 
 Along the push direction r = y - u, y the marker's travel and u the encoder's. A gain g gives g u,
 a compliance c gives -c F, play of width w the play operator less u, a delay D of the marker's
-stamps -D du/dt, lost steps or a slipped marker a step.
+stamps -D du/dt, lost steps or a slipped marker a step. What follows the place beyond that
+(`course`) is taken out before anything else is asked.
 """
 
 from dataclasses import dataclass
@@ -13,11 +14,13 @@ from scipy.optimize import minimize_scalar
 from arm_brachy.diagnosis.changes import steps
 from arm_brachy.diagnosis.choice import choose
 from arm_brachy.diagnosis.colour import residual_colour
+from arm_brachy.diagnosis.course import Course, course_of
 from arm_brachy.diagnosis.history import drift_columns, play, slope
 from arm_brachy.diagnosis.regression import regress
 from arm_brachy.diagnosis.stream import ENCODER, FORCE, OPTICAL
 
 GAIN, COMPLIANCE, PLAY, DELAY, OFFSET = 'gain', 'compliance', 'play', 'delay', 'offset'
+POSITIVE = (COMPLIANCE, PLAY)   # nothing pushes back harder than it is pushed
 WIDEST_PLAY = 0.5        # of the pad's travel
 REACH = 0.01             # s, over which the encoder's slope is taken
 FEWEST = 50              # samples of a marker or force
@@ -37,6 +40,7 @@ class PadTravel:
     steps : changes.Step each, size (3,) [m] in `frame`
     tilt, tilt_sd : (2,) slope of the motion across over that along the push
     frame : (3, 3) push direction, up and side, rows, world frame, see `push_frame`
+    course : Course that was taken out, None where the pad goes as evenly as can be told
     """
 
     pad: str
@@ -49,13 +53,15 @@ class PadTravel:
     tilt: np.ndarray
     tilt_sd: np.ndarray
     frame: np.ndarray
+    course: Course | None = None
 
 
-def pad_travels(evidence, noise, touch, *, alarm):
+def pad_travels(evidence, noise, touch, *, alarm, even=2e-5):
     """PadTravel of every marker on a pad that moved; a tuple.
 
     evidence : Evidence, optical positions in the world frame;  noise : noise.Noise of that stream
     touch : [m] less travel counts as none;  alarm : probability of a false step per marker
+    even : [m] rms by which a sound actuator may err from place to place
     Test: diagnosis/structural/test_pad_travel.py
     """
     optical, encoder = evidence.get(OPTICAL), evidence.get(ENCODER)
@@ -66,13 +72,13 @@ def pad_travels(evidence, noise, touch, *, alarm):
         seen = encoder.valid[:, i]
         travel = encoder.t[seen], encoder.values[seen, i, 0]
         if np.ptp(travel[1]) > touch:
-            found += [_one(evidence, noise, pad, int(k), travel, alarm)
+            found += [_one(evidence, noise, pad, int(k), travel, (touch, alarm, even))
                       for k in optical.on(pad)]
     return tuple(one for one in found if one is not None)
 
 
-def _one(evidence, noise, pad, k, travel, alarm):
-    optical = evidence.get(OPTICAL)
+def _one(evidence, noise, pad, k, travel, limits):
+    optical, (touch, alarm, even) = evidence.get(OPTICAL), limits
     inside = (optical.t >= travel[0][0]) & (optical.t <= travel[0][-1])
     t, valid = optical.t[inside], optical.valid[inside, k]
     if valid.sum() < FEWEST:
@@ -81,7 +87,52 @@ def _one(evidence, noise, pad, k, travel, alarm):
     frame = push_frame(axis)
     moved = (optical.values[inside, k] - optical.rest[k]) @ frame.T
     force = _push_back(evidence, pad, axis)
-    delay, jumps, colour, sd = 0.0, (), noise.colour, np.full(3, noise.sd[k].mean())
+    known = noise.colour, noise.sd[k].mean()
+    one = _explained(t, moved, valid, travel, force, known, alarm)
+    placed = {name: one.causes[name] for name in (GAIN, COMPLIANCE) if name in one.causes}
+    others = one.fixed | {name: c for name, c in one.causes.items() if name not in placed}
+    course = course_of(t, one.y[:, :1], one.causes[GAIN], others, placed, valid, one.colour,
+                       one.sd[:1], away=touch)
+    if course is None or course.chance > alarm or course.rms <= even:
+        course = None
+    else:
+        moved[:, 0] -= course.error(one.causes[GAIN])
+        one = _explained(t, moved, valid, travel, force, known, alarm)
+    choice = choose(t, one.y[:, :1], one.fixed, one.causes, valid, one.colour, one.sd[:1],
+                    positive=POSITIVE)
+    tilt, tilt_sd = regress(t, one.y[:, 1:], one.fixed | {GAIN: one.causes[GAIN]}, valid,
+                            one.colour, one.sd[1:]).of(GAIN)
+    everything = {c: tuple(float(x[0]) for x in one.full.of(c)) for c in one.causes}
+    return PadTravel(pad, optical.names[k], float(np.ptp(travel[1])),
+                     _with_delay(choice.estimates, everything, one.delay),
+                     _with_delay(everything, everything, one.delay), choice.rivals, one.steps,
+                     tilt, tilt_sd, frame, course)
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """y : (n, 3) motion less the encoder's;  fixed, causes : name -> column (n,);  full : Fit
+
+    colour, sd : of what is left;  steps : changes.Step each
+    delay : [s] by which the encoder is shifted
+    """
+
+    y: np.ndarray
+    fixed: dict
+    causes: dict
+    full: object
+    colour: object
+    sd: np.ndarray
+    steps: tuple
+    delay: float
+
+
+def _explained(t, moved, valid, travel, force, known, alarm):
+    """_Explained motion (n, 3) [m] of a marker in the frame of its push.
+
+    known : (colour, standard deviation) of the noise at rest
+    """
+    delay, jumps, colour, sd = 0.0, (), known[0], np.full(3, known[1])
     for again in reversed(range(PASSES)):
         then = t - delay
         y = moved - np.outer(np.interp(then, *travel), [1.0, 0.0, 0.0])
@@ -90,20 +141,13 @@ def _one(evidence, noise, pad, k, travel, alarm):
         causes = _causes(then, travel, force)
         causes |= _play_column(then, y[:, 0], fixed | causes, valid, travel)
         full = regress(t, y, fixed | causes, valid, colour, sd)
-        colour, sd = residual_colour(t, full.residual, valid, noise.colour, noise.sd[k].mean())
+        colour, sd = residual_colour(t, full.residual, valid, *known)
         slow = list((drift_columns(t) | causes).values())
         jumps = steps(t, y, valid, colour, sd, np.stack(slow, axis=1), alarm=alarm)
         late, error = (float(x[0]) for x in full.of(DELAY))
         if again and abs(late) > LATE * error:
             delay += late
-    choice = choose(t, y[:, :1], fixed, causes, valid, colour, sd[:1])
-    tilt, tilt_sd = regress(t, y[:, 1:], fixed | {GAIN: causes[GAIN]}, valid, colour,
-                            sd[1:]).of(GAIN)
-    everything = {c: tuple(float(x[0]) for x in full.of(c)) for c in causes}
-    return PadTravel(pad, optical.names[k], float(np.ptp(travel[1])),
-                     _with_delay(choice.estimates, everything, delay),
-                     _with_delay(everything, everything, delay), choice.rivals, jumps, tilt,
-                     tilt_sd, frame)
+    return _Explained(y, fixed, causes, full, colour, sd, jumps, delay)
 
 
 def _with_delay(estimates, everything, delay):

@@ -1,10 +1,12 @@
 """One recording, looked at without a tissue model: what it shows, how it moved, where to look."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from arm_brachy.diagnosis.kinds import kinds_of
+from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.prepared import Prepared, prepare
 from arm_brachy.diagnosis.states import LIMIT, LoadStates, load_states, without
+from arm_brachy.diagnosis.stream import ENCODER
 from arm_brachy.diagnosis.structural import Structure, structure_of
 from arm_brachy.diagnosis.transmission import Path
 
@@ -43,5 +45,25 @@ def look(evidence, *, limit=LIMIT, devices=None, calibration=None, noise=None):
     jumps = [t for finding in structure.findings if finding.onset for t in finding.onset]
     rhythm = max((finding.parameters.get('frequency', 0.0) for finding in structure.findings),
                  default=0.0)
-    states = without(load_states(prepared, late, limit, rhythm), jumps)
+    even = _put_right(prepared, structure.pads)
+    states = without(load_states(even, late, limit, rhythm), jumps)
     return Recorded(prepared, structure, states, kinds_of(states, evidence.pads))
+
+
+def _put_right(prepared, pads):
+    """The Prepared with encoders that show what uneven actuators do, as markers on pads prove it.
+
+    pads : pad_travel.PadTravel each
+    """
+    uneven = {one.pad: one.course for one in pads if one.course is not None}
+    if not uneven:
+        return prepared
+    evidence = prepared.evidence
+    encoder = evidence.get(ENCODER)
+    values = encoder.values.copy()
+    for pad, course in uneven.items():
+        i = encoder.names.index(pad)
+        values[:, i, 0] += course.error(values[:, i, 0])
+    evidence = replace(evidence, streams={**evidence.streams,
+                                          ENCODER: replace(encoder, values=values)})
+    return replace(prepared, evidence=evidence, motion=motion_of(evidence))

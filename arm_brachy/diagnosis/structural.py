@@ -54,7 +54,8 @@ def structure_of(prepared):
         tests = channels(prepared)
         if prepared.registration is not None:
             pads = pad_travels(prepared.evidence, prepared.noise[OPTICAL],
-                               prepared.motion.touch, alarm=ALARM / tests)
+                               prepared.motion.touch, alarm=ALARM / tests,
+                               even=prepared.calibration.play)
         travel = played(prepared, pads)
         clocks = clocks_of(prepared, pads, travel)
         found += clock_findings(prepared, clocks)
