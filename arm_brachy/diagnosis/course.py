@@ -39,12 +39,12 @@ class Course:
         return self.spline(np.clip(u, low, high))
 
 
-def course_of(t, y, travel, others, placed, valid, colour, sd, *, away):
+def course_of(t, y, travel, others, rivals, valid, colour, sd, *, away):
     """The Course that y follows, whatever its chance; None where the pad hardly moved.
 
     t : (n,) [s];  y : (n, 1) [m] marker minus encoder along the push;  travel : (n,) [m]
-    others, placed : name -> column (n,) of what the marker shows besides, and of what follows the
-        place as well: tested beside the course, and then left to it
+    others, rivals : name -> column (n,) of what the marker shows besides, and of what it might
+        show in the place of a course: that is tested beside all, its shape found without these
     valid : (n,);  colour, sd : of the noise, as regression.regress
     away : [m] from home that counts as moved
     """
@@ -56,8 +56,8 @@ def course_of(t, y, travel, others, placed, valid, colour, sd, *, away):
     smooth = {f'travel^{k}': column for k, column in zip(SMOOTH, powers.T, strict=True)}
     fits = [_splined(t, y, travel, others, count, valid, colour, sd) for count in COUNTS]
     found, columns = min(fits, key=lambda one: one[2])[:2]
-    plain = regress(t, y, others | placed | smooth, valid, colour, sd)
-    uneven = regress(t, y, others | placed | columns, valid, colour, sd)
+    plain = regress(t, y, others | rivals | smooth, valid, colour, sd)
+    uneven = regress(t, y, others | rivals | columns, valid, colour, sd)
     shape, bend = found(travel[moved]), np.column_stack([np.ones(moved.sum()), powers[moved]])
     beyond = shape - bend @ np.linalg.lstsq(bend, shape, rcond=None)[0]
     fall, more = float(plain.chi2[0] - uneven.chi2[0]), plain.dof - uneven.dof
@@ -66,7 +66,7 @@ def course_of(t, y, travel, others, placed, valid, colour, sd, *, away):
 
 
 def _splined(t, y, travel, others, count, valid, colour, sd):
-    """(BSpline that is 0 at home, its columns, Bayesian information criterion) of `count` terms."""
+    """(BSpline that is 0 at home, its columns, information criterion (BIC)) of `count` terms."""
     low, high = float(travel.min()), float(travel.max())
     inner = np.linspace(low, high, count - DEGREE + 1)
     knots = np.concatenate([[low] * DEGREE, inner, [high] * DEGREE])

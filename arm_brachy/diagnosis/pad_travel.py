@@ -89,17 +89,13 @@ def _one(evidence, noise, pad, k, travel, limits):
     force = _push_back(evidence, pad, axis)
     known = noise.colour, noise.sd[k].mean()
     one = _explained(t, moved, valid, travel, force, known, alarm)
-    placed = {name: one.causes[name] for name in (GAIN, COMPLIANCE) if name in one.causes}
-    others = one.fixed | {name: c for name, c in one.causes.items() if name not in placed}
-    course = course_of(t, one.y[:, :1], one.causes[GAIN], others, placed, valid, one.colour,
-                       one.sd[:1], away=touch)
+    course = _course(t, one, valid, touch)
     if course is None or course.chance > alarm or course.rms <= even:
         course = None
     else:
         moved[:, 0] -= course.error(one.causes[GAIN])
         one = _explained(t, moved, valid, travel, force, known, alarm)
-    choice = choose(t, one.y[:, :1], one.fixed, one.causes, valid, one.colour, one.sd[:1],
-                    positive=POSITIVE)
+    choice = _chosen(t, one, valid)
     tilt, tilt_sd = regress(t, one.y[:, 1:], one.fixed | {GAIN: one.causes[GAIN]}, valid,
                             one.colour, one.sd[1:]).of(GAIN)
     everything = {c: tuple(float(x[0]) for x in one.full.of(c)) for c in one.causes}
@@ -107,6 +103,21 @@ def _one(evidence, noise, pad, k, travel, limits):
                      _with_delay(choice.estimates, everything, one.delay),
                      _with_delay(everything, everything, one.delay), choice.rivals, one.steps,
                      tilt, tilt_sd, frame, course)
+
+
+def _chosen(t, one, valid):
+    """choice.Choice of the causes of an _Explained."""
+    return choose(t, one.y[:, :1], one.fixed, one.causes, valid, one.colour, one.sd[:1],
+                  positive=POSITIVE)
+
+
+def _course(t, one, valid, touch):
+    """Course of an _Explained; gain and compliance follow the place as well and are left to it."""
+    kept = set(_chosen(t, one, valid).estimates) - {GAIN, COMPLIANCE}
+    others = one.fixed | {name: column for name, column in one.causes.items() if name in kept}
+    rivals = {name: column for name, column in one.causes.items() if name not in kept}
+    return course_of(t, one.y[:, :1], one.causes[GAIN], others, rivals, valid, one.colour,
+                     one.sd[:1], away=touch)
 
 
 @dataclass(frozen=True)
