@@ -28,9 +28,9 @@ EM_ZERO, FORCE_ZERO, CLOCK = 2e-4 / np.sqrt(3), 0.03, 2e-3 / np.sqrt(3)
 # Where markers are glued is known to this per axis; a recording of the sound set-up shows it.
 PLACEMENT = Calibration().placement
 STREAMS = ('forces', 'optical', 'em', 'encoders')
-# What else one actuator may do in proportion to its push, of a size that any is scaled from.
-TWINS = {'actuator_gain': {'gain': 0.01, 'offset_mm': 0.0},
-         'actuator_compliance': {'compliance_mm_N': 0.01}}
+# What else one actuator may do in proportion to its push, at its typical size.
+TWINS = {'actuator_gain': {'gain': 0.06, 'offset_mm': 0.0},
+         'actuator_compliance': {'compliance_mm_N': 0.125}}
 
 
 class Sight:
