@@ -73,27 +73,42 @@ def _actuator(prepared, one, cause, value, sd, z, more=()):
 
 def _gain_findings(prepared, gains, pads, limit):
     """Gains of single pads are their actuators'; one that all share may be the tracker's scale."""
-    strong = [g for g in gains.values() if g[3] > limit]
-    common = len({one.pad for one in pads}) > 1 and len(gains) == len(pads) and alike(
-        [(value, sd) for _, value, sd, _ in gains.values()], prepared.calibration.gain)
-    if not common:
-        return [_actuator(prepared, g[0], GAIN, *g[1:]) for g in strong]
-    mean, sd = weighted_mean([(value, sd) for _, value, sd, _ in gains.values()],
-                     prepared.calibration.gain)
-    base = base_scale(prepared)
-    if base is None:
-        rivals = ('optical_scale',)
-        return [_actuator(prepared, g[0], GAIN, *g[1:], more=rivals) for g in strong]
-    if abs(base.value - mean) > ALIKE * np.hypot(base.sd, sd):
-        return [_actuator(prepared, g[0], GAIN, *g[1:]) for g in strong]
-    scale, sd = weighted_mean([(mean, sd), (base.value, base.sd)])
+    shared, base = _shared_gain(prepared, pads), base_scale(prepared)
+    agree = shared is not None and (base is None or abs(base.value - shared[0])
+                                    <= ALIKE * np.hypot(base.sd, shared[1]))
+    if agree and base is not None and (found := _scale(prepared, base, shared)):
+        return found
+    rivals = ('optical_scale',) if agree and len(gains) == len(pads) else ()
+    return [_actuator(prepared, g[0], GAIN, *g[1:], more=rivals)
+            for g in gains.values() if g[3] > limit]
+
+
+def _shared_gain(prepared, pads):
+    """(value, sd) of the gain that all pads have; None with one pad, or where they are not alike.
+
+    Actuators of one make may yield alike: that is in its error.
+    """
+    if len({one.pad for one in pads}) < 2:
+        return None
+    calibration = prepared.calibration
+    every = [one.gain for one in pads]
+    if not alike(every, calibration.gain):
+        return None
+    mean, sd = weighted_mean(every, calibration.gain)
+    return mean, float(np.hypot(sd, calibration.compliance * np.mean(
+        [one.stiffness for one in pads])))
+
+
+def _scale(prepared, base, shared):
+    """The finding that the tracker's scale is off, by base and pads together, if it is."""
+    scale, sd = weighted_mean([shared, (base.value, base.sd)])
     z = sigma(scale, sd, prepared.calibration.scale)
     if z <= threshold(1):
         return []
     told = sigma(base.value, base.sd) > ALIKE
     return [Finding(OPTICAL, '', 'optical_scale', 'scale', scale, '1', sd, z,
                     *map(float, prepared.evidence.span),
-                    f'Every pad travels {100.0 * mean:+.2f} % against its encoder and the '
+                    f'Every pad travels {100.0 * shared[0]:+.2f} % against its encoder and the '
                     f'distances on the base are {100.0 * base.value:+.2f} % off: the scale of the '
                     'tracker.',
                     () if told else ('actuator_gain',), parameters={'scale': scale},

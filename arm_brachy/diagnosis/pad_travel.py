@@ -38,6 +38,9 @@ class PadTravel:
     all : the same with every cause fitted at once, those that matter and those that do not
     rivals : chosen cause -> causes that would do as well in its place
     steps : changes.Step each, size (3,) [m] in `frame`
+    gain : (value, sd) of a gain beside what was chosen, in the place of a compliance: several pads
+        together may show a scale that none of them does alone
+    stiffness : [N/m] of what pushes back, 0 where that was not measured
     tilt, tilt_sd : (2,) slope of the motion across over that along the push
     frame : (3, 3) push direction, up and side, rows, world frame, see `push_frame`
     course : Course that was taken out, None where the pad goes as evenly as can be told
@@ -50,6 +53,8 @@ class PadTravel:
     all: dict
     rivals: dict
     steps: tuple
+    gain: tuple
+    stiffness: float
     tilt: np.ndarray
     tilt_sd: np.ndarray
     frame: np.ndarray
@@ -102,7 +107,20 @@ def _one(evidence, noise, pad, k, travel, limits):
     return PadTravel(pad, optical.names[k], float(np.ptp(travel[1])),
                      _with_delay(choice.estimates, everything, one.delay),
                      _with_delay(everything, everything, one.delay), choice.rivals, one.steps,
-                     tilt, tilt_sd, frame, course)
+                     _gain(t, one, choice, valid), _stiffness(travel, force), tilt, tilt_sd, frame,
+                     course)
+
+
+def _gain(t, one, choice, valid):
+    """(value, sd) of a gain beside what a Choice has, without compliance."""
+    beside = {name: one.causes[name] for name in choice.estimates if name != COMPLIANCE}
+    return regress(t, one.y[:, :1], one.fixed | beside | {GAIN: one.causes[GAIN]}, valid,
+                   one.colour, one.sd[:1]).of(GAIN)
+
+
+def _stiffness(travel, force):
+    """Force over travel [N/m]; 0 without forces."""
+    return 0.0 if force is None else float(np.ptp(force[1]) / np.ptp(travel[1]))
 
 
 def _chosen(t, one, valid):

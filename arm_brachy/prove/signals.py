@@ -70,9 +70,11 @@ class Sight:
         from a compliance because other cases have that elsewhere.
         """
         case = self._cases[job.name]
+        first, *more = case.effects
+        if more or first.values.get('gain', 0.0) > 0.0:
+            return      # nothing that yields goes farther than it is sent
         for name, values in TWINS.items():
-            first, *more = case.effects
-            if not more and first.name in TWINS and first.name != name:
+            if first.name in TWINS and first.name != name:
                 twin = replace(first, name=name,
                                values={**values, 'actuators': first.values['actuators']})
                 played = self._play(case, (twin,), self._sound)
