@@ -38,10 +38,11 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     travel : (tt (m,) [s], q (m, p) [m]) of the pads, by the clock of reference
     touch : [m] less travel counts as none;  noise : noise.Noise of the stream
     memory : let the stream remember (forces, tissue); False for what is rigid
-    The standard error is the larger of what the noise gives and of the block estimate over 1 s,
-    which sees what the regressors do not explain. Delays up to WIDEST are tried one by one first,
-    since from farther than half a ramp the slope leads elsewhere. None as well where the estimate
-    does not settle.
+    The standard error is the largest of what the noise gives, of the block estimate over 1 s,
+    which sees what the regressors do not explain, and of what the fall of chi^2 from no delay
+    tells: what is far and hardly explains more was led there by something else. Delays up to
+    WIDEST are tried one by one first, since from farther than half a ramp the slope leads
+    elsewhere. None as well where the estimate does not settle.
     Test: diagnosis/structural/test_clocks.py
     """
     inside = (stream.t >= travel[0][0]) & (stream.t <= travel[0][-1])
@@ -50,7 +51,7 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     if not len(often) or len(t) < FEWEST:
         return None
     y, mask, sd = _series(t, stream.values[inside][:, often], valid[:, often], noise.sd[often])
-    late = _scanned(t, y, mask, sd, travel, touch, memory)
+    late = _scanned(t, y, mask, sd, travel, touch, memory, noise.colour)
     for _ in range(PASSES):
         step, error, loud = _step(t - late, t, y, mask, sd, travel, touch, noise.colour, memory)
         if not loud.any():
@@ -60,20 +61,28 @@ def lateness(stream, travel, touch, noise, *, memory=True):
             break
     else:
         return None
+    fall = np.diff([_misfit(then, t, y, mask, sd, travel, touch, noise.colour, memory)[asked].sum()
+                    for then in (t - late, t)])[0]
+    error = max(error, abs(late) / np.sqrt(max(fall, 1.0)))
     c = stream.values.shape[2]
     names = tuple(stream.names[often[i]] for i in np.flatnonzero(asked.reshape(-1, c).any(axis=1)))
     return Lateness(float(late), float(error), names)
 
 
-def _scanned(t, y, mask, sd, travel, touch, memory):
-    """The delay [s] on a grid from which to start, 0 unless another explains far more."""
+def _scanned(t, y, mask, sd, travel, touch, memory, colour):
+    """The delay [s] on a grid from which to start, 0 unless another explains far more.
+
+    Noise that lasts makes slow misfits larger than white noise of its size would, by its variance
+    at low frequencies.
+    """
     every = max(int(THIN / np.median(np.diff(t))), 1)
     t, mask = t[::every], mask[::every]
     Y = np.where(mask, y[::every] / sd, 0.0)
     delays = PACE * np.arange(-round(WIDEST / PACE), round(WIDEST / PACE) + 1)
     left = np.array([_left(t - delay, Y, travel, touch, memory) for delay in delays])
     best, zero = int(np.argmin(left)), len(delays) // 2
-    scale = max(left[best] / max(mask.sum(), 1), 1.0)
+    lasting = colour.share * max(2.0 * colour.time / np.median(np.diff(t)) - 1.0, 0.0)
+    scale = max(left[best] / max(mask.sum(), 1), 1.0) * (1.0 + lasting)
     return float(delays[best]) if left[zero] - left[best] > BETTER * scale else 0.0
 
 
@@ -92,6 +101,15 @@ def _series(t, values, valid, sd):
         seen = mask[:, j]
         flat[~seen, j] = np.interp(t[~seen], t[seen], flat[seen, j])
     return flat - flat.mean(axis=0), mask, sd.reshape(-1)
+
+
+def _misfit(then, t, y, mask, sd, travel, touch, colour, memory):
+    """(s,) sum of squares, over the noise, that each series leaves with the encoders at `then`."""
+    B, _ = _basis(then, travel, touch, memory)
+    everywhere = np.ones(len(t), dtype=bool)
+    Q, _ = np.linalg.qr(whitened(t, B, colour, everywhere))
+    Y = whitened(t, y / sd, colour, everywhere)
+    return np.sum(np.where(mask, Y - Q @ (Q.T @ Y), 0.0)**2, axis=0)
 
 
 def _step(then, t, y, mask, sd, travel, touch, colour, memory):

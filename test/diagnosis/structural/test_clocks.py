@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from arm_brachy.diagnosis.clocks import lateness
+from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.history import history_columns, memories
 from arm_brachy.diagnosis.prepared import prepare
@@ -52,6 +54,27 @@ def test_errors_are_honest(laboratory, pushes):
         found = late(prepared, 'pad markers')
         z.append(found.value / found.sd)
     assert np.sqrt(np.mean(np.square(z))) < 2.0
+
+
+def test_a_faint_channel_that_fades_is_no_clock(prepared):
+    """Noise of half its motion, a quarter of that lasting 0.3 s; the tissue cures meanwhile."""
+    stream, noise = prepared.on(EM, TISSUE)
+    stream, fade = stream.channels([0]), 1.0 - 0.4 * (1.0 - np.exp(-stream.t / 10.0))
+    moved = stream.values - np.nanmean(stream.values, axis=0)
+    sd = 0.5 * np.nanstd(moved)
+    loud = replace(noise, sd=np.full((1, 3), sd), colour=Colour(0.25, 0.3))
+    keep = np.exp(-stream.period / 0.3)
+    z = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        drive = rng.standard_normal(moved.shape) * np.sqrt(1.0 - keep**2)
+        slow = lfilter([1.0], [1.0, -keep], drive, axis=0)
+        white = rng.standard_normal(moved.shape)
+        values = fade[:, None, None] * moved + sd * (np.sqrt(0.75) * white + 0.5 * slow)
+        found = lateness(replace(stream, values=values), prepared.travel, prepared.motion.touch,
+                         loud)
+        z += [] if found is None else [found.value / np.hypot(found.sd, 2e-3)]
+    assert np.abs(z).max(initial=0.0) < 4.0
 
 
 def test_what_does_not_follow_the_pads_is_not_asked(prepared):
