@@ -22,6 +22,9 @@ class Priors:
     frame: float = quantity(1.0, 'mm', 'registration of the optical tracker, each of 6 motions, '
                             'turns by what they move a marker', low=0.0, high=100.0,
                             source='own choice: weak, so that a frame is no evidence')
+    on_pad: float = quantity(3.0, 'mm', 'place of a marker on its pad, per axis', low=0.0,
+                             high=100.0, source='own choice: at rest nothing tells whether a pad '
+                             'or its marker is aside; how the tissue answers the push does')
     modulus: float = quantity(0.5, '', 'logarithm of the modulus of the whole body', low=0.0,
                               high=10.0, source='own choice: weak, known within a factor of two')
 
@@ -48,9 +51,11 @@ def nuisances(baseline, calibration=None, priors=None):
     specimen, n = baseline.model.specimen, len(baseline.t)
     counts = {OPTICAL: len(specimen.markers), EM: len(specimen.tools), FORCE: len(specimen.pads)}
     columns = [*_frame(baseline, priors.frame),
-               *_shifts(OPTICAL, specimen.markers, calibration.placement),
-               *_shifts(EM, specimen.tools, calibration.em_registration),
-               *_shifts(FORCE, specimen.pads, calibration.force_zero),
+               *_shifts(OPTICAL, specimen.markers, [
+                   max(priors.on_pad, calibration.placement) if on in specimen.pads
+                   else calibration.placement for on in specimen.carriers]),
+               *_shifts(EM, specimen.tools, [calibration.em_registration] * counts[EM]),
+               *_shifts(FORCE, specimen.pads, [calibration.force_zero] * counts[FORCE]),
                *_gains(baseline, calibration.force_gain),
                *_touches(baseline, calibration.touch), _modulus(baseline, priors.modulus)]
     values = {kind: np.zeros((n, count, 3, len(columns))) for kind, count in counts.items()}
@@ -74,11 +79,11 @@ def _frame(baseline, sd):
 
 
 def _shifts(kind, names, sd):
-    """A constant shift of every channel along every axis."""
+    """A constant shift of every channel along every axis; sd : of each channel."""
     for c, name in enumerate(names):
         for i, axis in enumerate('xyz'):
             shift = np.zeros((len(names), 3))
-            shift[c, i] = sd
+            shift[c, i] = sd[c]
             yield f'{kind}_{name}_{axis}', {kind: shift}
 
 

@@ -54,7 +54,7 @@ def known(body):
     """What an honest user knows of `body`: label, shape and places, at rest; SI, world frame."""
     vertices, triangles, on_base = nominal_surface(body)
     count = len(body.surface_markers)
-    markers = np.vstack([body.points[:count], pad_markers(body), body.base_markers])
+    markers = np.vstack([body.points[:count], pad_markers(body.pads), body.base_markers])
     return {
         'frame': 'base plane z = 0, tissue above; SI',
         'reference': 'stress-free; every pad is bonded to the tissue under its disc at travel 0 '

@@ -16,6 +16,7 @@ from arm_brachy.prove.generator.tissue import (
     STATIC,
     TIMED,
     base_motion,
+    misplaced,
     stiffness_drift,
 )
 from arm_brachy.prove.generator.world import Change, World
@@ -27,13 +28,17 @@ def build_world(case, cache):
     fine = body.response(SOLVERS[body.solver], cache)
     drifts = [stiffness_drift(e.values) for e in case.effects if e.name == 'stiffness_drift']
     motions = [base_motion(e.values) for e in case.effects if e.name == 'breathing']
+    pads = body.pads
+    for effect in case.effects:
+        if effect.name == 'pad_misplacement':   # the markers on pads go with them
+            pads = misplaced(body, pads, effect.values)
     gaps = [STRANGE_TOUCH[e.name](e.values, [p.name for p in body.pads], fine.strokes)
             for e in case.effects if e.name in STRANGE_TOUCH]
     return World(
         body, fine, case.nuisances.modulus, tuple(changes(case, cache)),
         stiffen=lambda t: np.prod([np.ones_like(t), *(d(t) for d in drifts)], axis=0),
         base=lambda t: sum((m(t) for m in motions), np.zeros((len(t), 3))),
-        touch=lambda t, y: gaps[0](t, y) if gaps else y)
+        touch=lambda t, y: gaps[0](t, y) if gaps else y, pads=pads)
 
 
 @dataclass(frozen=True)

@@ -97,13 +97,16 @@ def reference_shape(model, body, v, modulus):
 
 def pad_misplacement(model, body, v, modulus):
     """One pad beside its place."""
-    pads, grid = list(model.pads), model.grid
-    for i, pad in enumerate(model.pads):
-        if pad.name in v['pads']:
-            pads[i] = moved_pad(body.dome, pad, v)
-            mesh = moved_patch(grid.mesh, body.dome, i, pad, pads[i])
-            grid = replace(grid, mesh=mesh)
-    return replace(model, pads=tuple(pads), grid=grid)
+    pads, grid = misplaced(body, model.pads, v), model.grid
+    for i, (pad, there) in enumerate(zip(model.pads, pads, strict=True)):
+        if there is not pad:
+            grid = replace(grid, mesh=moved_patch(grid.mesh, body.dome, i, pad, there))
+    return replace(model, pads=pads, grid=grid)
+
+
+def misplaced(body, pads, v):
+    """The pads, those that the values name beside their places."""
+    return tuple(moved_pad(body.dome, pad, v) if pad.name in v['pads'] else pad for pad in pads)
 
 
 def free_base(model):

@@ -32,7 +32,7 @@ class Change:
 class World:
     """Body in one case.  modulus: true over labelled; changes: what effects add, each with
     `read(t, y)`; stiffen: factor (t,) on all forces; base: displacement (t, 3) of the base [m];
-    touch: travel (t, p) that tissue sees of pads at travel (t, p).
+    touch: travel (t, p) that tissue sees of pads at travel (t, p); pads: where they really are.
     """
 
     body: Body
@@ -42,6 +42,7 @@ class World:
     stiffen: Callable
     base: Callable
     touch: Callable
+    pads: tuple
 
     def outputs(self, t, y):
         """Displacements (t, k, 3) [m] of tissue points and forces on pads (t, p, 3) [N]."""
@@ -61,7 +62,7 @@ class World:
 
     def push_back(self, t, y):
         """Force against the pads (t, p) [N], along their directions."""
-        directions = np.array([pad.direction for pad in self.body.pads])
+        directions = np.array([pad.direction for pad in self.pads])
         return -np.einsum('tpi,pi->tp', self.outputs(t, y)[1], directions)
 
     def markers(self, t, y):
@@ -69,8 +70,8 @@ class World:
         body = self.body
         count = len(body.surface_markers)
         tissue = body.points[:count] + self.outputs(t, y)[0][:, :count]
-        directions = np.array([pad.direction for pad in body.pads])
-        pads = pad_markers(body) + y[:, :, None] * directions
+        directions = np.array([pad.direction for pad in self.pads])
+        pads = pad_markers(self.pads) + y[:, :, None] * directions
         base = np.array(body.base_markers) + self.base(t)[:, None]
         return np.concatenate([tissue, pads, base], axis=1)
 
@@ -85,9 +86,9 @@ def columns_at(times, t, values):
     return np.column_stack([np.interp(times, t, c) for c in values.T])
 
 
-def pad_markers(body, behind=0.008):
+def pad_markers(pads, behind=0.008):
     """Markers (p, 3) [m] on the backs of retracted pads."""
-    return np.array([np.array(p.centre) - behind * np.array(p.direction) for p in body.pads])
+    return np.array([np.array(p.centre) - behind * np.array(p.direction) for p in pads])
 
 
 def marker_names(body):

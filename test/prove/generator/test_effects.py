@@ -7,8 +7,9 @@ import pytest
 from arm_brachy.prove.generator import actuation
 from arm_brachy.prove.generator.case import draw
 from arm_brachy.prove.generator.catalogue import Effect
-from arm_brachy.prove.generator.plant import play
+from arm_brachy.prove.generator.plant import build_world, play
 from arm_brachy.prove.generator.protocol import Protocol
+from arm_brachy.prove.generator.world import pad_markers
 
 
 @pytest.fixture
@@ -125,6 +126,21 @@ def test_breathing_moves_the_base_by_its_amplitude(body, cache):
     np.testing.assert_allclose(base[:, 0], 4e-4 * np.sin(np.pi / 2 * run.t[::25]), atol=1e-6)
     tissue = markers[:, 0, 2] - markers[0, 0, 2]
     assert np.corrcoef(tissue, base[:, 0])[0, 1] > 0.3
+
+
+def test_the_marker_on_a_misplaced_pad_goes_with_it(body, cache):
+    null = draw(np.random.default_rng(7), 'null', body)
+    aside = effect('pad_misplacement', up_mm=0.0, side_mm=2.0, tilt_up_deg=3.0, tilt_side_deg=0.0,
+                   pads=('pad_1',))
+    world = build_world(replace(null, effects=(aside,)), cache)
+    travel = np.zeros((2, len(body.pads)))
+    travel[1] = 1e-3
+    home, gone = world.markers(np.zeros(2), travel)[:, len(body.surface_markers):][:, :2]
+    sound = np.array([pad.direction for pad in body.pads[:2]])
+    angle = np.rad2deg(np.arccos(np.sum((gone - home) * sound, axis=1) / 1e-3))
+    np.testing.assert_allclose(angle, [3.0, 0.0], atol=1e-4)
+    off = home - pad_markers(body.pads)[:2]
+    assert 1.5e-3 < np.linalg.norm(off[0]) < 4e-3 and not off[1].any()
 
 
 def test_a_swollen_body_stands_off_at_rest(outputs):
