@@ -18,7 +18,13 @@ from arm_brachy.diagnosis.fitted import parts_of, tested_part
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.free_answer import free_answer
 from arm_brachy.diagnosis.free_body import is_free
-from arm_brachy.diagnosis.from_finding import cause_of, interval_of, options_of, place_of
+from arm_brachy.diagnosis.from_finding import (
+    cause_of,
+    interval_of,
+    merged,
+    options_of,
+    place_of,
+)
 from arm_brachy.diagnosis.given import given, occasions_of
 from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.hypotheses import try_all
@@ -234,6 +240,10 @@ def with_findings(found, scene, causes, where, when, decision):
             options = options_of(finding, alike, CERTAIN)
         for cause, said in options:
             if cause in causes:
+                continue
+            twins = [both for both in enumerate(merged(cause, one) for one in causes) if both[1]]
+            if twins:
+                causes[twins[0][0]] = twins[0][1]
                 continue
             causes.append(cause)
             where.append(place_of(said, scene, cause.option))

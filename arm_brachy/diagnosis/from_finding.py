@@ -32,6 +32,37 @@ def cause_of(finding, probability, option=0):
     return Cause(finding.term, estimates, chosen, probability, option)
 
 
+def merged(finding, beside):
+    """One Cause of two alike: of a finding, which the model had, and of what was found beside it.
+
+    Numbers that both have add up, their intervals with them in quadrature; None where the causes
+    are not of one term in one place, or a number of it does not count from zero.
+    """
+    if (finding.term, finding.applies_to, finding.option) != (
+            beside.term, beside.applies_to, beside.option):
+        return None
+    infos = quantities(by_name(finding.term))
+    both = set(finding.parameters) & set(beside.parameters)
+    if any(infos[name].neutral != 0.0 for name in both):
+        return None
+    sums = {name: _sum(finding.parameters[name], beside.parameters[name]) for name in both}
+    return replace(finding, parameters={**finding.parameters, **beside.parameters, **sums},
+                   probability=max(finding.probability, beside.probability))
+
+
+def _sum(one, other):
+    """Estimate of the sum of two; an end that is open in one is as far as in the other."""
+    value = np.add(one.value, other.value)
+    low, high = (_together(np.subtract(a, one.value), np.subtract(b, other.value))
+                 for a, b in ((one.low, other.low), (one.high, other.high)))
+    return Estimate(*(_plain(v) for v in (value, value - low, value + high)))
+
+
+def _together(one, other):
+    known = [np.where(np.isfinite(d), d, 0.0) for d in (one, other)]
+    return np.where(np.isinf(one) & np.isinf(other), np.inf, np.hypot(*known))
+
+
 def options_of(finding, rivals, probability):
     """(Cause, Finding) of a finding.Finding and of each of some rivals: options 1, 2 and so on.
 

@@ -9,7 +9,7 @@ from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.assembly import features_of, structured_tests
 from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
 from arm_brachy.diagnosis.held_out import stacked
-from arm_brachy.diagnosis.law_error import law_errors, law_of
+from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue
 from arm_brachy.diagnosis.model_error import Accuracy
 
 
@@ -41,8 +41,9 @@ class FullFits:
             (part.observables, {name: values[kept] for name, values in features_of(m).items()})
             for part, m, kept in zip(parts, self._assembly.matched, found.kept, strict=False)])
         law = law_of(found.hypotheses, self._law)
-        sizes = [law * (part.r - residual) for part, residual in
-                 zip(parts, found.refit.residual, strict=True)]
+        sizes = [law * (part.r - residual) * of_tissue(part.observables, m.baseline.model.specimen)
+                 for part, residual, m in zip(parts, found.refit.residual, self._assembly.matched,
+                                              strict=False)]
         U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts])])
         pushes = [pushes_of(m)[kept] for m, kept in
                   zip(self._assembly.matched, found.kept, strict=False)]
@@ -66,7 +67,9 @@ class FullFits:
         problem, found = self._assembly.problem, candidate.explanations
         law = law_of([self._assembly.hypothesis_of(e)[0] for e in found], self._law)
         columns, matched = np.hstack([e.columns for e in found]), self._assembly.matched
-        size = law * (columns @ candidate.mean)
+        soft = np.concatenate([of_tissue(m.observables, m.baseline.model.specimen)
+                               for m in matched])
+        size = law * soft * (columns @ candidate.mean)
         errors = law_errors([m.observables for m in matched], [pushes_of(m) for m in matched],
                             np.split(size, np.cumsum([len(m.r) for m in matched])[:-1]))
         return self._scan(np.hstack([problem.U, columns, errors]), problem.r, problem.tests, size)

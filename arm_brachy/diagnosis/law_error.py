@@ -3,7 +3,7 @@
 What a law is wrong by is alike in all of a recording and averages out with no number of rows; from
 channel to channel (a marker, a pad, each axis) it is taken as independent, and so is by how much
 more it is wrong as each pad goes in: what sags by half a millimetre answers to a push by another
-law's second order, not by ours.
+law's second order, not by ours. What markers on pads and base show is geometry, no law.
 Test: diagnosis/forward/test_refit.py
 """
 
@@ -11,12 +11,12 @@ import numpy as np
 
 from arm_brachy.diagnosis.inference import posterior
 from arm_brachy.diagnosis.slip import ACCURACY
-from arm_brachy.diagnosis.stream import FORCE
+from arm_brachy.diagnosis.stream import FORCE, OPTICAL, TISSUE
 
 # Share of its effect that a term's own model may be wrong by, one standard deviation, where it is
 # more than of any law. A pad elsewhere has other nodes for its outline: two meshes of the breast,
 # pads 3 mm aside, effects on positions alike to 7 to 23 %, of those 1 to 8 % in size.
-OWN = {'pad_slip': ACCURACY, 'pad_misplacement': 0.1}
+OWN = {'pad_slip': ACCURACY, 'pad_misplacement': 0.2}
 
 
 def law_of(hypotheses, law):
@@ -25,6 +25,17 @@ def law_of(hypotheses, law):
     law : model_error.Accuracy.law, of any law
     """
     return max([law, *(OWN.get(one.name, 0.0) for one in hypotheses)])
+
+
+def of_tissue(observables, specimen):
+    """(N,) 1.0 for rows of Observables that follow a specimen.Specimen's tissue, 0.0 for others.
+
+    Markers on pads and base are rigid with what moves them.
+    """
+    rigid = {name for name, on in zip(specimen.markers, specimen.carriers, strict=True)
+             if on != TISSUE}
+    return np.array([float(row.kind != OPTICAL or row.channel not in rigid)
+                     for row in observables.rows])
 
 
 def by_channel(observables, values):
@@ -65,7 +76,7 @@ def widened(found, data, factor, law):
     for one, residual in zip(data, found.residual, strict=True):
         shown = one.baseline.shown
         plain = one.observables.residual({**shown, FORCE: factor * shown[FORCE]})
-        effect.append(plain - residual)
+        effect.append((plain - residual) * of_tissue(one.observables, one.specimen))
     errors = law_errors([one.observables for one in data],
                         [one.baseline.path.at(one.baseline.t) for one in data],
                         [law * part for part in effect])

@@ -7,6 +7,7 @@ import pytest
 
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene
+from arm_brachy.diagnosis.cause import Cause, Estimate
 from arm_brachy.diagnosis.diagnose import with_findings
 from arm_brachy.diagnosis.finding import Finding
 from arm_brachy.diagnosis.given import Given
@@ -37,6 +38,15 @@ def test_a_finding_without_rivals_is_a_cause(scene):
                                                             {'actuators': (1,)})
     assert cause.parameters['gain'].value == pytest.approx(0.06)
     assert place.actuator == scene.pads[1].name and when.recording == 'one'
+
+
+def test_what_the_model_found_beside_a_finding_adds_to_it(scene):
+    more = Cause('actuator_gain', {'gain': Estimate(0.01, -0.02, 0.04)}, {'actuators': (1,)}, 0.9)
+    elsewhere = replace(more, applies_to={'actuators': (0,)})
+    (first, other), _, _ = answered(scene, gain(()), 'named', (more, elsewhere))
+    assert first.parameters['gain'].value == pytest.approx(0.07)
+    assert first.parameters['gain'].high - 0.07 == pytest.approx(0.03, rel=0.01)
+    assert first.probability == pytest.approx(0.999) and other == elsewhere
 
 
 def test_a_finding_that_no_model_told_from_its_rivals_is_a_class(scene):
