@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from arm_brachy.diagnosis import clocks
 from arm_brachy.diagnosis.clocks import lateness
 from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.evidence import evidence_of
@@ -75,6 +76,22 @@ def test_a_faint_channel_that_fades_is_no_clock(prepared):
                          loud)
         z += [] if found is None else [found.value / np.hypot(found.sd, 2e-3)]
     assert np.abs(z).max(initial=0.0) < 4.0
+
+
+def test_noise_that_lasts_sends_nobody_far(prepared):
+    """Half of it lasts 0.3 s: taken for white, it explains delays that it has not."""
+    stream, _ = prepared.on(EM, TISSUE)
+    t, keep, sent = stream.t, np.exp(-stream.period / 0.3), {'white': 0, 'lasting': 0}
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        drive = rng.standard_normal((len(t), 3)) * np.sqrt(1.0 - keep**2)
+        slow = lfilter([1.0], [1.0, -keep], drive, axis=0)
+        y = np.sqrt(0.5) * (rng.standard_normal((len(t), 3)) + slow)
+        for name, colour in (('white', Colour(0.0, 0.0)), ('lasting', Colour(0.5, 0.3))):
+            late = clocks._scanned(t, y, np.ones(y.shape, bool), np.ones(3), prepared.travel,
+                                   prepared.motion.touch, True, colour)
+            sent[name] += late != 0.0
+    assert sent['lasting'] == 0 and sent['white'] > 6
 
 
 def test_what_does_not_follow_the_pads_is_not_asked(prepared):
