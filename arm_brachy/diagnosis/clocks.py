@@ -5,7 +5,7 @@ late by D shows as -D d/dt of the part so explained. Memories are fitted beside 
 tissue that relaxes is not taken for a clock: what decides are the corners of the motion.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,10 +50,11 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     often = np.flatnonzero(valid.sum(axis=0) >= FEWEST)
     if not len(often) or len(t) < FEWEST:
         return None
-    y, mask, sd = _series(t, stream.values[inside][:, often], valid[:, often], noise.sd[often])
-    late = _scanned(t, y, mask, sd, travel, touch, memory, noise.colour)
+    series = _series(t, stream.values[inside][:, often], valid[:, often], noise.sd[often])
+    following = Following(t, *series, noise.colour, travel, touch, memory)
+    late = following.scanned()
     for _ in range(PASSES):
-        step, error, loud = _step(t - late, t, y, mask, sd, travel, touch, noise.colour, memory)
+        step, error, loud = following.step(late)
         if not loud.any():
             return None
         late, asked = late + step, loud
@@ -61,85 +62,93 @@ def lateness(stream, travel, touch, noise, *, memory=True):
             break
     else:
         return None
-    fall = np.diff([_misfit(then, t, y, mask, sd, travel, touch, noise.colour, memory)[asked].sum()
-                    for then in (t - late, t)])[0]
+    fall = np.sum(following.misfit(0.0)[asked] - following.misfit(late)[asked])
     error = max(error, abs(late) / np.sqrt(max(fall, 1.0)))
     c = stream.values.shape[2]
     names = tuple(stream.names[often[i]] for i in np.flatnonzero(asked.reshape(-1, c).any(axis=1)))
     return Lateness(float(late), float(error), names)
 
 
-def _scanned(t, y, mask, sd, travel, touch, memory, colour):
-    """The delay [s] on a grid from which to start, 0 unless another explains far more.
-
-    Noise that lasts makes slow misfits larger than white noise of its size would, by its variance
-    at low frequencies.
-    """
-    every = max(int(THIN / np.median(np.diff(t))), 1)
-    t, mask = t[::every], mask[::every]
-    Y = np.where(mask, y[::every] / sd, 0.0)
-    delays = PACE * np.arange(-round(WIDEST / PACE), round(WIDEST / PACE) + 1)
-    left = np.array([_left(t - delay, Y, travel, touch, memory) for delay in delays])
-    best, zero = int(np.argmin(left)), len(delays) // 2
-    lasting = colour.share * max(2.0 * colour.time / np.median(np.diff(t)) - 1.0, 0.0)
-    scale = max(left[best] / max(mask.sum(), 1), 1.0) * (1.0 + lasting)
-    return float(delays[best]) if left[zero] - left[best] > BETTER * scale else 0.0
-
-
-def _left(then, Y, travel, touch, memory):
-    """Sum of squares of Y (n, s) that the encoders' history does not explain."""
-    columns = history_columns(then, travel, touch, memory=memory)
-    Q, _ = np.linalg.qr(np.stack([np.ones(len(then)), *columns.values()], axis=1))
-    return float(np.sum((Y - Q @ (Q.T @ Y))**2))
-
-
 def _series(t, values, valid, sd):
-    """All components side by side (n, s), gaps bridged; where they were seen; their noise (s,)."""
+    """All components side by side over their noise (n, s), gaps bridged; where they were seen."""
     n, k, c = values.shape
     flat, mask = values.reshape(n, -1).copy(), np.repeat(valid, c, axis=1)
     for j in range(flat.shape[1]):
         seen = mask[:, j]
         flat[~seen, j] = np.interp(t[~seen], t[seen], flat[seen, j])
-    return flat - flat.mean(axis=0), mask, sd.reshape(-1)
+    return (flat - flat.mean(axis=0)) / sd.reshape(-1), mask
 
 
-def _misfit(then, t, y, mask, sd, travel, touch, colour, memory):
-    """(s,) sum of squares, over the noise, that each series leaves with the encoders at `then`."""
-    B, _ = _basis(then, travel, touch, memory)
-    everywhere = np.ones(len(t), dtype=bool)
-    Q, _ = np.linalg.qr(whitened(t, B, colour, everywhere))
-    Y = whitened(t, y / sd, colour, everywhere)
-    return np.sum(np.where(mask, Y - Q @ (Q.T @ Y), 0.0)**2, axis=0)
+@dataclass(frozen=True)
+class Following:
+    """Series that follow the pads, regressed on where the encoders were some delay ago.
 
+    t : (n,) [s] stamps;  y : (n, s) over the noise;  seen : (n, s) False where bridged
+    colour : of the noise;  travel, touch, memory : as in `lateness`
+    """
 
-def _step(then, t, y, mask, sd, travel, touch, colour, memory):
-    """One Gauss-Newton step of the delay, its error, and which series follow the pads."""
-    B, slope = _basis(then, travel, touch, memory)
-    everywhere = np.ones(len(t), dtype=bool)
-    W = whitened(t, B, colour, everywhere)
-    Y = whitened(t, y / sd, colour, everywhere)
-    Q, R = np.linalg.qr(W)
-    beta = np.linalg.lstsq(R, Q.T @ Y, rcond=1e-8)[0]
-    loud = np.sqrt(np.mean((B[:, 1:] @ beta[1:]) ** 2, axis=0)) > LOUD
-    D = whitened(t, -slope @ beta, colour, everywhere)
-    D = np.where(mask, D - Q @ (Q.T @ D), 0.0)[:, loud]
-    left = np.where(mask, Y - W @ beta, 0.0)[:, loud]
-    power = float(np.sum(D ** 2))
-    if power == 0.0:
-        return 0.0, np.inf, np.zeros_like(loud)
-    score = np.sum(D * left, axis=1)
-    first = np.concatenate([[0], np.flatnonzero(np.diff(((t - t[0]) / BLOCK).astype(int))) + 1])
-    blocks = np.sqrt(np.sum(np.add.reduceat(score, first) ** 2)) / power
-    return float(score.sum() / power), max(1.0 / np.sqrt(power), float(blocks)), loud
+    t: np.ndarray
+    y: np.ndarray
+    seen: np.ndarray
+    colour: object
+    travel: tuple
+    touch: float
+    memory: bool
 
+    def scanned(self):
+        """The delay [s] on a grid from which to start, 0 unless another explains far more.
 
-def _basis(then, travel, touch, memory):
-    """Regressors (n, 1 + p), a constant first, and their slopes in time."""
-    columns = history_columns(then, travel, touch, memory=memory)
-    after = history_columns(then + REACH, travel, touch, memory=memory)
-    before = history_columns(then - REACH, travel, touch, memory=memory)
-    n = len(then)
-    B = np.stack([np.ones(n), *columns.values()], axis=1)
-    slope = np.stack([np.zeros(n), *((after[k] - before[k]) / (2.0 * REACH) for k in columns)],
-                     axis=1)
-    return B, slope
+        Noise that lasts makes slow misfits larger than white noise of its size would, by its
+        variance at low frequencies.
+        """
+        every = max(int(THIN / np.median(np.diff(self.t))), 1)
+        thin = replace(self, t=self.t[::every], seen=self.seen[::every],
+                       y=np.where(self.seen, self.y, 0.0)[::every])
+        delays = PACE * np.arange(-round(WIDEST / PACE), round(WIDEST / PACE) + 1)
+        left = np.array([thin._left(delay) for delay in delays])
+        best, zero = int(np.argmin(left)), len(delays) // 2
+        lasting = self.colour.share * max(
+            2.0 * self.colour.time / np.median(np.diff(thin.t)) - 1.0, 0.0)
+        scale = max(left[best] / max(thin.seen.sum(), 1), 1.0) * (1.0 + lasting)
+        return float(delays[best]) if left[zero] - left[best] > BETTER * scale else 0.0
+
+    def misfit(self, late):
+        """(s,) chi^2 that each series leaves."""
+        Q, _ = np.linalg.qr(self._white(self._columns(late)))
+        return np.sum(self._unexplained(Q, self._white(self.y))**2, axis=0)
+
+    def step(self, late):
+        """One Gauss-Newton step of the delay, its error, and which series follow the pads."""
+        B = self._columns(late)
+        slope = (self._columns(late - REACH) - self._columns(late + REACH)) / (2.0 * REACH)
+        Q, R = np.linalg.qr(self._white(B))
+        Y = self._white(self.y)
+        beta = np.linalg.lstsq(R, Q.T @ Y, rcond=1e-8)[0]
+        loud = np.sqrt(np.mean((B[:, 1:] @ beta[1:])**2, axis=0)) > LOUD
+        D = self._unexplained(Q, self._white(-slope @ beta))[:, loud]
+        left = np.where(self.seen, Y - Q @ (R @ beta), 0.0)[:, loud]
+        power = float(np.sum(D**2))
+        if power == 0.0:
+            return 0.0, np.inf, np.zeros_like(loud)
+        score = np.sum(D * left, axis=1)
+        block = ((self.t - self.t[0]) / BLOCK).astype(int)
+        first = np.concatenate([[0], np.flatnonzero(np.diff(block)) + 1])
+        blocks = np.sqrt(np.sum(np.add.reduceat(score, first)**2)) / power
+        return float(score.sum() / power), max(1.0 / np.sqrt(power), float(blocks)), loud
+
+    def _left(self, late):
+        """Sum of squares of y that no encoder explains, its noise taken for white."""
+        Q, _ = np.linalg.qr(self._columns(late))
+        return float(np.sum((self.y - Q @ (Q.T @ self.y))**2))
+
+    def _columns(self, late):
+        """(n, 1 + p) a constant, and the history of the encoders."""
+        columns = history_columns(self.t - late, self.travel, self.touch, memory=self.memory)
+        return np.stack([np.ones(len(self.t)), *columns.values()], axis=1)
+
+    def _white(self, columns):
+        return whitened(self.t, columns, self.colour, np.ones(len(self.t), dtype=bool))
+
+    def _unexplained(self, Q, Y):
+        """What of Y (n, s) orthonormal columns Q leave where it was seen."""
+        return np.where(self.seen, Y - Q @ (Q.T @ Y), 0.0)

@@ -198,7 +198,7 @@ class Judge:
     def decide(self):
         """Return the Decision."""
         before, ranked = self._scan(()), self.singles()
-        tried, left = self._alone(ranked, before)
+        tried, left, refuted = self._alone(ranked, before)
         if before.chance >= self.rules.alarm and tried is None:
             return Decision('nothing_missing', None, (), ranked, before, before)
         if tried is None or left.chance < self.rules.alarm:
@@ -207,27 +207,28 @@ class Judge:
                 tried, left = pair, self._check(pair)
         if tried is None or left.chance < self.rules.alarm:
             return Decision('unexplained', None, (), ranked, left, before)
-        equals = self._equals(tried, ranked)
+        equals = self._equals(tried, [one for one in ranked if one.causes not in refuted])
         if not equals and self._may_be_load(tried):
             return Decision('unexplained', None, (), ranked, left, before, tried)
         return Decision('equivalent' if equals else 'named', tried, equals, ranked, left, before)
 
     def _alone(self, ranked, before):
-        """(Candidate, what it leaves) of the single cause to go on with; (None, before) if none.
+        """The single cause to go on with, None if none; what it leaves; causes told from it.
 
         The first that stands out and does not vanish where it is fitted in full; one that is
-        nearly as likely where that leaves something and this does not.
+        nearly as likely where that leaves something and this does not, which tells the two apart.
         """
-        first = None
+        first, refuted = None, []
         for one in ranked[:self.rules.alone]:
             far = first and first[0].evidence - one.evidence >= self.rules.rival
             if far or not self._claims(one) or self._gone(one):
                 continue
             left = self._check(one)
             if left.chance >= self.rules.alarm:
-                return one, left
+                return one, left, refuted
             first = first or (one, left)
-        return first or (None, before)
+            refuted.append(one.causes)
+        return (*(first or (None, before)), [])
 
     def _claims(self, one, over=None):
         """True if a Candidate stands out, from no cause or from the one in `over`."""

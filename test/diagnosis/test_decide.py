@@ -1,5 +1,7 @@
 """Verdicts on made-up problems with a known truth: single, pair, class, null, stranger."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -159,6 +161,20 @@ def test_what_vanishes_makes_room_for_the_next_in_line(world):
     assert asked[0] == (first,)
     assert {first, *decision.accepted.causes} == {'like', 'cause_2'}
     assert all(first not in one.causes for one in decision.equals)
+
+
+def test_what_left_something_in_full_is_told_from_what_left_nothing(world):
+    """Two with one linear answer: which is right is known where the first to be fitted fails."""
+    like = Explanation('like', '', 2.5 * world.responses[2][:, None])
+    asked = []
+
+    def check(one):
+        asked.append(one.causes)
+        return SimpleNamespace(chance=0.0 if one.causes == asked[0] else 0.5)
+    decision = world.decide(world.responses[2], like, check=check)
+    first, second = asked
+    assert {first, second} == {('like',), ('cause_2',)}
+    assert decision.verdict == 'named' and decision.accepted.causes == second
 
 
 @pytest.mark.parametrize(('shows', 'verdict'), [((0,), 'unexplained'), ((0, 2), 'named')])

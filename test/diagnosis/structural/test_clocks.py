@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from arm_brachy.diagnosis import clocks
-from arm_brachy.diagnosis.clocks import lateness
+from arm_brachy.diagnosis.clocks import Following, lateness
 from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.history import history_columns, memories
@@ -88,9 +87,9 @@ def test_noise_that_lasts_sends_nobody_far(prepared):
         slow = lfilter([1.0], [1.0, -keep], drive, axis=0)
         y = np.sqrt(0.5) * (rng.standard_normal((len(t), 3)) + slow)
         for name, colour in (('white', Colour(0.0, 0.0)), ('lasting', Colour(0.5, 0.3))):
-            late = clocks._scanned(t, y, np.ones(y.shape, bool), np.ones(3), prepared.travel,
-                                   prepared.motion.touch, True, colour)
-            sent[name] += late != 0.0
+            series = Following(t, y, np.ones(y.shape, bool), colour, prepared.travel,
+                               prepared.motion.touch, memory=True)
+            sent[name] += series.scanned() != 0.0
     assert sent['lasting'] == 0 and sent['white'] > 6
 
 
