@@ -9,6 +9,7 @@ from arm_brachy.core.errors import InputError
 from arm_brachy.diagnosis import wording, words
 from arm_brachy.diagnosis.statements import edge_unit
 from arm_brachy.diagnosis.stream import OPTICAL
+from arm_brachy.diagnosis.whereabouts import under
 from arm_brachy.evaluation.body_place import Body, Spot, body_place
 from arm_brachy.evaluation.style import BAND, GOAL, INK, MEASURED, OURS, Plate, new_figure, styled
 from arm_brachy.evaluation.timeseries import PadMark
@@ -56,6 +57,7 @@ def where_plate(d, body):
     pads = {place.actuator for place in d.where if place.actuator}
     markers = [place.channel for place in d.where if place.stream == OPTICAL and place.channel]
     pads |= {p.channel for p in d.where if p.stream in ('force', 'encoder') and p.channel}
+    pads |= {pad.name for pad in body.pads if under(pad.name) in {p.boundary for p in d.where}}
     if not (spots or pads or markers):
         return None
     return body_place(body, spots, pads, markers, _where_caption(spots, pads, markers))

@@ -34,8 +34,13 @@ def place_of(term, scene, spread=None):
             (*pads, *getattr(term, 'tools', ()))), '')
         return Place(stream=getattr(term, 'stream', term.stage.value), channel=channel, **said)
     if len(pads) == 1:
-        return Place(boundary=f'surface under {pads[0]}', **said)
+        return Place(boundary=under(pads[0]), **said)
     return None
+
+
+def under(pad):
+    """The boundary where a pad of that name meets the body."""
+    return f'surface under {pad}'
 
 
 def radius_of(covariance):

@@ -148,6 +148,14 @@ def test_a_stream_as_a_whole_has_no_picture(shown, answers):
     assert figures.where_plate(d, shown(d).body) is None
 
 
+def test_the_pad_over_a_place_is_pointed_out(shown, answers):
+    d = replace(answers['named'], where=(Place(boundary='surface under pad_1', term='pad_slip'),))
+    plate = figures.where_plate(d, shown(d).body)
+    weights = {text.get_text(): text.get_fontweight() for text in plate.figure.axes[0].texts}
+    assert [name for name, weight in weights.items() if weight == 'bold'] == ['pad_1']
+    assert plate.caption.endswith('In orange: pad_1.')
+
+
 def test_intervals_are_shaded_where_they_are(shown, answers):
     d = answers['unexplained']
     plate = figures.when_plate(d, shown(d).traces)
