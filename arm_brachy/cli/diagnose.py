@@ -108,6 +108,8 @@ def _corrected(found, evidence, scene, folder):
 
 def _show(found, folder):
     console.print(found.sentence, highlight=False)
+    if found.nearest is not None:
+        console.print(words.nearest(found), highlight=False)
     if found.fit:
         show_table(summary('held-out error (rms per axis)', tuple(map(_row, found.fit)),
                            seed=found.provenance.seed))

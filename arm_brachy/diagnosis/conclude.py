@@ -6,11 +6,12 @@ import numpy as np
 from scipy.special import logsumexp
 
 from arm_brachy.diagnosis.cause import Estimate
-from arm_brachy.diagnosis.fitted import TO_90
+from arm_brachy.diagnosis.fitted import TO_90, parts_of, tested_part
+from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.inference import detectability, posterior
 from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.occasion import intervals, shown_in
-from arm_brachy.diagnosis.statements import Alternative
+from arm_brachy.diagnosis.statements import Alternative, Nearest
 from arm_brachy.diagnosis.stream import OPTICAL
 from arm_brachy.diagnosis.whereabouts import CENTRES, channel_place, marker_place, place_of
 
@@ -66,6 +67,28 @@ def _spreads(fit):
                               for h in steps], axis=1)
             out[chart.number] = slope @ fit.covariance[part, part] @ slope.T
     return out
+
+
+def nearest_of(assembly, decision, fits, ratio, tests):
+    """statements.Nearest of a decide.Decision that nothing explains all of; None if none.
+
+    fits : full_fits.FullFits;  ratio : as of `parts_of`;  tests : Matched recordings held out
+    """
+    if decision.nearest is None:
+        return None
+    fitted = fits.of(decision.nearest)
+    scene = assembly.matched[0].baseline.model.specimen.scene
+    places = [one for one in places_of(fitted, scene) if one is not None]
+    return Nearest(fitted.causes(0.0), tuple(places), errors_of(assembly, fitted, ratio, tests))
+
+
+def errors_of(assembly, fitted, ratio, tests):
+    """statements.StreamFit on what was held out; arguments as of `nearest_of`.
+
+    fitted : Fitted of what was found, None = nothing
+    """
+    return stream_fits(parts_of(assembly, fitted, ratio), [
+        (m.recorded.name, tested_part(m, fitted, ratio)) for m in tests])
 
 
 def times_of(assembly, candidate):

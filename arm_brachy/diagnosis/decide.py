@@ -120,6 +120,7 @@ class Decision:
     ranked : all single causes, best first
     left : adequacy.Scan with the accepted cause, or without any;  before : Scan without any
     unproven : Candidate that explains all, as a load does that is none of the causes
+    nearest : Candidate that stands out where nothing explains all; None if none does
     """
 
     verdict: VERDICTS
@@ -129,6 +130,7 @@ class Decision:
     left: object
     before: object
     unproven: Candidate | None = None
+    nearest: Candidate | None = None
 
     def shared(self, candidate):
         """Per explanation of a Candidate of the class: True if all of them have it."""
@@ -206,7 +208,7 @@ class Judge:
             if pair is not None and self._claims(pair, over=tried) and not self._gone(pair):
                 tried, left = pair, self._check(pair)
         if tried is None or left.chance < self.rules.alarm:
-            return Decision('unexplained', None, (), ranked, left, before)
+            return Decision('unexplained', None, (), ranked, left, before, nearest=tried)
         equals = self._equals(tried, [one for one in ranked if one.causes not in refuted])
         if not equals and self._may_be_load(tried):
             return Decision('unexplained', None, (), ranked, left, before, tried)

@@ -14,7 +14,6 @@ from arm_brachy.diagnosis import conclude
 from arm_brachy.diagnosis.asking import asked
 from arm_brachy.diagnosis.diagnosis import Diagnosis
 from arm_brachy.diagnosis.figures import body_of
-from arm_brachy.diagnosis.fitted import parts_of, tested_part
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.free_answer import free_answer
 from arm_brachy.diagnosis.free_body import is_free
@@ -26,7 +25,6 @@ from arm_brachy.diagnosis.from_finding import (
     place_of,
 )
 from arm_brachy.diagnosis.given import given, occasions_of
-from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.hypotheses import try_all
 from arm_brachy.diagnosis.judgement import judged
 from arm_brachy.diagnosis.matched import match
@@ -176,12 +174,13 @@ def _answer(judgement, found, looked, tests, provenance, ratio, left_out, reques
         verdict,
         provenance, tuple(causes), tuple(where), tuple(when),
         conclude.alternatives_of(assembly, decision, {c.term for c in causes}),
-        stream_fits(parts_of(assembly, best, ratio), [
-            (m.recorded.name, tested_part(m, best, ratio)) for m in tests]), request,
+        conclude.errors_of(assembly, best, ratio, tests), request,
         conclude.recalibrated(assembly, scene, explanations, Priors().modulus,
                               best.scale if best else None),
         held_out=accepted.held_out if accepted else None, chance=decision.left.chance,
         apart=min((float(c.separation) for c in decision.equals), default=None),
+        nearest=None if verdict != 'unexplained' else conclude.nearest_of(
+            assembly, decision, judgement.fits, ratio, tests),
         findings=tuple(f for one in looked for f in one.structure.findings), notes=tuple(notes))
     return Answer(diagnosis, Shown(body_of(scene, specimen.mesh),
                                    traces(assembly, explanations),

@@ -51,6 +51,7 @@ class Diagnosis:
     held_out : gain on what was held out of what is named, as an Alternative's; None = not scored
     chance : that noise alone leaves as much as is left, by structured tests; None = not tested
     apart : separation of what is named from the nearest rival [sd];  None = no rival
+    nearest : statements.Nearest, of a verdict 'unexplained' if anything stands out; else None
     findings : finding.Finding, what needs no tissue model;  notes : sentences
     Raises InputError if verdict and causes contradict each other.
     Test: diagnosis/test_diagnosis.py
@@ -69,6 +70,7 @@ class Diagnosis:
     held_out: float | None = None
     chance: float | None = None
     apart: float | None = None
+    nearest: object = None
     findings: tuple = ()
     notes: tuple = ()
 
@@ -90,6 +92,9 @@ class Diagnosis:
                              'none')
         if self.verdict == 'unexplained' and not (self.where or self.when):
             raise InputError('verdict unexplained without where or when; must have one of them')
+        if self.nearest is not None and self.verdict != 'unexplained':
+            raise InputError(f'verdict {self.verdict} with what comes nearest; only what is '
+                             'unexplained can have it')
         if odd := set(self.recalibrated) - set(RECALIBRATED):
             raise InputError(f'recalibrated {", ".join(sorted(odd))}; must be of '
                              f'{", ".join(RECALIBRATED)}: what a scenario can carry')
@@ -112,11 +117,6 @@ class Diagnosis:
         options = self.options()
         free = [o for o in options if o != 0]
         return (*options.get(0, ()), *(options[free[0]] if free else ()))
-
-    def place_of(self, cause):
-        """The first Place that belongs to a cause; None if there is none."""
-        return next((p for p in self.where if p.option == cause.option and p.term == cause.term),
-                    None)
 
     def to_json(self, path=None):
         """The answer as JSON text; also written to `path` if given. NaN and infinity are null."""
@@ -141,6 +141,7 @@ def _body(d):
         'held_out_score': d.held_out,
         'chance_of_what_is_left': d.chance,
         'separation_sd': d.apart,
+        'nearest': None if d.nearest is None else _nearest(d),
         'findings': [_finding(one) for one in d.findings],
         'notes': list(d.notes),
         'provenance': _provenance(d.provenance),
@@ -180,6 +181,16 @@ def _estimates(declared, estimates):
         'value': infos[name].to_edge(one.value),
         'interval_90': [infos[name].to_edge(one.low), infos[name].to_edge(one.high)],
         'unit': UNITS[infos[name].unit][1]} for name, one in estimates.items()}
+
+
+def _nearest(d):
+    causes = [{key: value for key, value in _cause(cause).items()
+               if key not in ('probability', 'option')} for cause in d.nearest.causes]
+    for value in (one for cause in causes for one in cause['parameters'].values()):
+        del value['interval_90']    # of a model that does not hold
+    return {'words': words.nearest(d), 'causes': causes,
+            'where': [_place(place) for place in d.nearest.where],
+            'fit': [_fit(one) for one in d.nearest.fit]}
 
 
 def _alternative(d, one):

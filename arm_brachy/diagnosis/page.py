@@ -92,7 +92,8 @@ def write_diagnosis(d, shown, out_html):
         when_words=_first([_sentence(one.term, words.interval(one, source.recordings))
                            for one in d.when]),
         options=_options(d, shown.body), gains=[words.improvement(one) for one in d.fit],
-        certainty=_typeset(words.certainty(d)), alternatives=_alternative_grid(d),
+        certainty=_typeset(words.certainty(d)), nearest=_nearest(d),
+        alternatives=_alternative_grid(d),
         request='' if d.next_experiment is None else words.request(d.next_experiment),
         moves=_yaml(d.next_experiment), corrected=d.scene, recalibrated=_recalibrated_grid(d),
         findings=_finding_grid(d), notes=d.notes, recordings=_recording_grid(source),
@@ -108,6 +109,15 @@ def _detail(d):
         f'{_capital(wording.spoken(cause.term))}: '
         f'{"; ".join(wording.parameter(n, u, *v) for n, _, u, *v in rows)}.'
         for cause, rows in found if rows))
+
+
+def _nearest(d):
+    """What comes nearest, and its numbers; '' if nothing does."""
+    if d.nearest is None:
+        return ''
+    values = [f'{wording.spoken(name)} {_typeset(wording.amount(unit, value, value, value))}'
+              for cause in d.nearest.causes for name, _, unit, value, *_ in cause.shown()]
+    return _typeset(f'{words.nearest(d)} Its numbers: {wording.listed(values)}.')
 
 
 def _facts(d):

@@ -106,6 +106,19 @@ class Alternative:
 
 
 @dataclass(frozen=True)
+class Nearest:
+    """What comes nearest where nothing explains all: no claim, its numbers have no interval.
+
+    causes : cause.Cause that hold together;  where : Place of each that has one
+    fit : StreamFit per stream, `named` with them
+    """
+
+    causes: tuple
+    where: tuple = ()
+    fit: tuple = ()
+
+
+@dataclass(frozen=True)
 class StreamFit:
     """Root mean square error per axis of one stream on what was held out, SI.
 

@@ -85,7 +85,8 @@ def _cause_at(d, cause):
 
 
 def _at(d, cause):
-    where = d.place_of(cause)
+    """Where a cause is, of those in `where` of a Diagnosis or a Nearest."""
+    where = next((p for p in d.where if p.option == cause.option and p.term == cause.term), None)
     return '' if where is None else f' {place(where)}'
 
 
@@ -143,6 +144,22 @@ def improvement(one):
             f'{fitted} {unit} recalibrated{named}; noise alone leaves {floor} {unit}.')
 
 
+def nearest(d):
+    """What comes nearest to what is unexplained, what it gains, and that it is not all of it."""
+    one = d.nearest
+    found = listed([title(cause) + _at(one, cause) for cause in one.causes])
+    return (f'What comes nearest is {found}: held out, {listed([_gain(f) for f in one.fit])}. '
+            'It is not claimed: what it leaves is more than noise.')
+
+
+def _gain(one):
+    unit, scale = edge_unit(one.stream)
+    before, after, floor = figures((one.recalibrated / scale, one.named / scale,
+                                    one.noise_floor / scale))
+    return (f'the error of the {STREAMS[one.stream][0]} goes from {before} to {after} {unit} '
+            f'(noise alone: {floor} {unit})')
+
+
 def certainty(d):
     """How sure: probability, distance from the nearest rival, what is left."""
     parts = []
@@ -165,6 +182,8 @@ def why_not(one, d):
     """Why an Alternative lost, or that it is not ruled out."""
     if one.why:
         return one.why
+    if d.nearest is not None and set(one.terms) == {cause.term for cause in d.nearest.causes}:
+        return 'comes nearest, but leaves more than noise'
     if not one.visible:
         return 'not ruled out: these recordings could not have shown it'
     if one.held_out <= 0.0:
@@ -173,6 +192,8 @@ def why_not(one, d):
         return 'predicts what was held out as well, but all data together less well'
     if d.causes:
         return 'predicts what was held out less well than what is named'
+    if d.verdict == 'unexplained' and one.held_out >= Rules().held_out:
+        return 'explains a part at most'
     return 'gains too little on what was held out'
 
 

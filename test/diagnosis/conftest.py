@@ -15,6 +15,7 @@ from arm_brachy.diagnosis.page import Shown
 from arm_brachy.diagnosis.statements import (
     Alternative,
     Interval,
+    Nearest,
     NextExperiment,
     Place,
     Recording,
@@ -110,7 +111,16 @@ def unexplained():
         where=(Place(position=(-31e-3, 24e-3, 41e-3), radius=8.6e-3),
                Place(stream='optical', channel='tissue_10')),
         when=(Interval('rich', *TOUCH, 'unload', (23.31, 23.47)),),
-        alternatives=(Alternative(('external_force',), 2.1), Alternative(('obstacle',), 0.7)),
+        alternatives=(Alternative(('base_debond',), 81.0), Alternative(('inclusion',), 12.3),
+                      Alternative(('obstacle',), 0.7)),
+        nearest=Nearest(
+            (Cause('base_debond', {
+                'centre': Estimate((31e-3, -4e-3, 0.0), (29e-3, -6e-3, 0.0), (33e-3, -2e-3, 0.0)),
+                'radius': Estimate(24.2e-3, 22.8e-3, 25.6e-3)}, probability=0.0),),
+            (Place(boundary='base', position=(31e-3, -4e-3, 0.0), radius=2.9e-3,
+                   term='base_debond'),),
+            (StreamFit('optical', 0.44e-3, 0.39e-3, 0.15e-3, 0.21e-3, 'every kind in turn'),
+             StreamFit('force', 0.046, 0.041, 0.03, 0.033, 'every kind in turn'))),
         fit=(StreamFit('optical', 0.44e-3, 0.39e-3, 0.15e-3, held_out='every kind in turn'),
              StreamFit('em', 0.33e-3, 0.31e-3, 0.3e-3, held_out='every kind in turn'),
              StreamFit('force', 0.046, 0.041, 0.03, held_out='every kind in turn')),

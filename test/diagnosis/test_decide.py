@@ -117,6 +117,13 @@ def test_a_stranger_to_the_catalogue_is_not_named(world):
     assert decision.left.chance < 1e-3
 
 
+def test_a_known_cause_beside_a_stranger_comes_nearest_and_is_not_named(world):
+    decision = world.decide(4.0 * world.responses[2] + 2.5 * world.stranger)
+    assert decision.verdict == 'unexplained' and decision.accepted is None
+    assert 'cause_2' in decision.nearest.causes
+    assert decision.left.chance < 1e-3
+
+
 def test_a_place_is_found_among_its_variants(world):
     lumps = tuple(Explanation('lump', f'place {k}', 3.0 * np.roll(world.stranger,
                                                                   STATES * k)[:, None])

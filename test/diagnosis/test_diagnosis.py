@@ -49,6 +49,16 @@ def test_where_is_in_metres(answers):
     assert body(answers['structural'])['where'][0]['actuator'] == 'pad_1'
 
 
+def test_what_comes_nearest_has_no_interval_and_is_no_cause(answers):
+    found = body(answers['unexplained'])
+    assert found['causes'] == []
+    near, = found['nearest']['causes']
+    assert near['parameters']['radius_mm'] == {'value': pytest.approx(24.2), 'unit': 'mm'}
+    assert [one['stream'] for one in found['nearest']['fit']] == ['optical', 'force']
+    with pytest.raises(InputError, match='named with what comes nearest'):
+        replace(answers['named'], nearest=answers['unexplained'].nearest)
+
+
 def test_when_is_in_seconds_with_its_regime(answers):
     assert body(answers['unexplained'])['when'] == [{
         'recording': 'rich', 't_start_s': 23.4, 't_end_s': 27.2, 'regime': 'unload',

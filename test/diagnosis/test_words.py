@@ -42,10 +42,26 @@ def test_a_verdict_is_one_sentence(answers, name, said):
     assert words.verdict(answers[name]) == said
 
 
+def test_what_comes_nearest_is_told_and_not_claimed(answers):
+    d = answers['unexplained']
+    assert words.nearest(d) == (
+        'What comes nearest is base debond (part of the glued base has come off) on the base, at '
+        'x = 31.0, y = -4.0, z = 0.0 mm (90 % region: 2.9 mm around it): held out, the error of '
+        'the optical markers goes from 0.39 to 0.21 mm (noise alone: 0.15 mm) and the error of '
+        'the pad forces goes from 0.041 to 0.033 N (noise alone: 0.030 N). It is not claimed: '
+        'what it leaves is more than noise.')
+    assert [words.why_not(one, d) for one in d.alternatives] == [
+        'comes nearest, but leaves more than noise', 'explains a part at most',
+        'gains too little on what was held out']
+    assert 'base debond' not in words.verdict(d)
+
+
 def test_nothing_is_promised_and_nothing_hedged(answers):
     for d in answers.values():
         said = [words.verdict(d), words.certainty(d), *map(words.improvement, d.fit),
                 *(words.why_not(one, d) for one in d.alternatives)]
+        if d.nearest is not None:
+            said.append(words.nearest(d))
         if d.next_experiment is not None:
             said.append(words.request(d.next_experiment))
         assert not PROMISES.search(' '.join(said))
