@@ -44,8 +44,9 @@ NEAR, TRUE = 0.5, 0.02
 STATICS = NewtonOptions(tolerance=1e-8)     # m: a hundredth of what any tracker averages to
 # A lump that moves through points of quadrature, or a support through nodes, ripples the cost:
 # where no step of a quarter of the tolerance helps, or all runs are made, the end may promise a
-# standard deviation, and the interval has it.
-TINY, ROUGH = 0.25, 0.5
+# standard deviation, and the interval has it; or a share of what the effect is worth, which is a
+# sixtieth of it in every channel; or more, where the whole step helps as little as short ones.
+TINY, ROUGH, RIPPLE = 0.25, 0.5, 2.5e-4
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,8 @@ class _Fit:
             step, promised = self.promise(now, slope, curvature, region)
             tiny = fresh and promised < TINY * self.options.tolerance
             spent = max(one.runs for one in self.recordings) >= self.options.runs
-            if left < self.options.tolerance or (tiny or spent) and left < ROUGH:
+            if left < self.options.tolerance or (tiny or spent) and (
+                    self.rippled(now, rest, left, tiny)):
                 return now, slope, np.linalg.inv(curvature) + np.outer(rest, rest)
             self.refuse_endless(left, tiny)
             ahead = self.at(now.z + step)
@@ -195,6 +197,17 @@ class _Fit:
             if not kept:
                 self.linearise(now)
                 fresh = True
+
+    def rippled(self, now, rest, left, tiny):
+        """True if a descent that is still promised, by a step `rest` (k,), is the cost's ripple.
+
+        tiny : no short step helps
+        """
+        effect = sum(np.sum(np.square(one.data.observables.residual(one.data.baseline.shown) - r))
+                     for one, r in zip(self.recordings, now.residual, strict=True)
+                     if one.data.baseline is not None)
+        rough = max(ROUGH, 0.5 * RIPPLE * effect)
+        return left < rough or tiny and self.at(now.z + rest).cost > now.cost - rough
 
     def linearise(self, now):
         """Take the derivatives at a point."""

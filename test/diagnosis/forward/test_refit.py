@@ -21,7 +21,7 @@ from arm_brachy.diagnosis.observables import KINDS, Measured, Observables, chann
 from arm_brachy.diagnosis.recording_fit import Data
 from arm_brachy.diagnosis.refit import Options, refit
 from arm_brachy.diagnosis.slip import ACCURACY
-from arm_brachy.tissue.terms.base_debond import BaseDebond
+from arm_brachy.tissue.terms.base_debond import FADE, RIM, BaseDebond
 from arm_brachy.tissue.terms.external_force import ExternalForce
 from arm_brachy.tissue.terms.inclusion import Inclusion
 from arm_brachy.tissue.terms.pad_slip import PadSlip
@@ -99,6 +99,25 @@ def test_a_lump_is_found_from_the_next_place_and_half_its_contrast(record):
     chi2 = 2.0 * found.after / len(found.residual[0])
     assert chi2 == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / len(found.residual[0])))
     assert found.terms[0].radius == LUMP.radius
+
+
+def half_off(term, where):
+    """Glue of a base that has come off beyond a line across it, in place of BaseDebond's disc."""
+    return np.clip((term.centre[0] - where[:, 0]) / (RIM * term.radius), 0.0, 1.0) ** FADE
+
+
+def test_a_sector_of_another_shape_settles_among_the_ripples_of_its_nodes(
+        record, linear, encoder, monkeypatch):
+    """The nearest disc is far off, and nodes that come off one by one ripple the way there."""
+    with monkeypatch.context() as other:
+        other.setattr(BaseDebond, '_glue', half_off)
+        data = record((BaseDebond(radius=0.02, centre=(0.02, 0.0, 0.0)),))
+    data = replace(data, baseline=Baseline(ForwardModel(linear), encoder, STATES))
+    near = hypothesis(BaseDebond, centre=(0.04, 0.01, 0.0))
+    found = refit([data], (near,), [np.array([0.0])], options=Options(runs=25))
+    disc, = found.terms
+    assert disc.centre[0] - disc.radius < 0.03 < disc.centre[0]
+    assert found.after < 0.5 * found.before
 
 
 def test_friction_is_found_from_a_run_with_contact(quadratic, encoder):
