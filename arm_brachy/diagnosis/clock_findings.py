@@ -1,16 +1,23 @@
 """Whose clock is off: every stream's lateness against the encoders, weighed together."""
 
+from dataclasses import replace
+
+import numpy as np
+
 from arm_brachy.diagnosis.clocks import lateness
 from arm_brachy.diagnosis.finding import Finding, alike, sigma, threshold
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL, TISSUE
+
+LIMIT = threshold(3)    # standard deviations from which one of three clocks is at fault
 
 
 def clocks_of(prepared, pads, travel):
     """kind -> Lateness of every stream that follows the pads.
 
-    Markers on pads are rigid and decide over the optical clock; without them tissue does.
+    Markers on pads are rigid and decide over the optical clock; without them tissue does. What is
+    no fault is drawn towards zero by what calibration leaves: states are taken by these clocks.
     """
-    found = {}
+    found, slack = {}, prepared.calibration.clock
     for kind, bodies in ((OPTICAL, prepared.evidence.pads), (OPTICAL, (TISSUE,)),
                          (EM, (TISSUE,)), (FORCE, prepared.evidence.pads)):
         stream, noise = prepared.on(kind, *bodies)
@@ -18,14 +25,22 @@ def clocks_of(prepared, pads, travel):
             one = lateness(stream, travel, prepared.motion.touch, noise,
                            memory=not (kind == OPTICAL and pads))
             if one is not None:
-                found[kind] = one
+                found[kind] = _believed(one, slack)
     return found
+
+
+def _believed(one, slack):
+    """A Lateness, unless it is a fault its posterior given a clock right to slack [s]."""
+    if sigma(one.value, one.sd, slack) > LIMIT:
+        return one
+    trust = slack**2 / (slack**2 + one.sd**2)
+    return replace(one, value=trust * one.value, sd=float(np.sqrt(trust)) * one.sd)
 
 
 def clock_findings(prepared, clocks):
     """One finding per stream that is late; if all of them are alike, the encoders may be early."""
-    slack, limit = prepared.calibration.clock, threshold(3)
-    odd = {k: c for k, c in clocks.items() if sigma(c.value, c.sd, slack) > limit}
+    slack = prepared.calibration.clock
+    odd = {k: c for k, c in clocks.items() if sigma(c.value, c.sd, slack) > LIMIT}
     common = bool(odd) and len(odd) == len(clocks) and alike(
         [(one.value, one.sd) for one in odd.values()], slack)
     out = []

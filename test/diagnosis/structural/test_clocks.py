@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from arm_brachy.diagnosis.clocks import Following, lateness
+from arm_brachy.diagnosis import clock_findings
+from arm_brachy.diagnosis.clocks import Following, Lateness, lateness
 from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.history import history_columns, memories
@@ -115,3 +116,14 @@ def test_only_pads_that_push_have_regressors():
     q = np.stack([4e-3 * np.sin(tt) ** 2, 1e-6 * tt, 2e-3 * np.sin(tt) ** 2], axis=1)
     columns = history_columns(tt, (tt, q), 1e-4, memory=False)
     assert set(columns) == {'q0^1', 'q0^2', 'q0^3', 'q2^1', 'q2^2', 'q2^3', 'q0q2'}
+
+
+@pytest.mark.parametrize('sd, kept', [(2e-3, 1.0), (2e-2, 4e-6 / (4e-6 + 4e-4))])
+def test_a_clock_that_is_not_known_is_taken_for_right(prepared, monkeypatch, sd, kept):
+    """65 ms late: to 2 ms it is a fault and put right; to 20 ms it is what nobody knows."""
+    unsure = Lateness(-0.065, sd, ('tissue_00',))
+    monkeypatch.setattr(clock_findings, 'lateness', lambda *args, **named: unsure)
+    clocks = clock_findings.clocks_of(prepared, (), prepared.travel)
+    assert clocks[EM].value == pytest.approx(-0.065 * kept)
+    found = clock_findings.clock_findings(prepared, clocks)
+    assert {one.stream for one in found} == (set(clocks) if kept == 1.0 else set())
