@@ -7,7 +7,8 @@ one prior standard deviation, move r; a cause with a free place has one explanat
 The order of the steps is what keeps claims honest. Nothing is claimed unless something is left by
 structured tests or a cause gains evidence beyond chance; nothing is named unless it also predicts
 kinds of experiment that it was not fitted to, and leaves nothing; what these data cannot tell from
-it is named with it.
+it is named with it. Responses rank all causes; the few that promise most are weighed by full fits:
+where an answer bends with its size, or a place lies between those tried, a response misleads.
 """
 
 from dataclasses import dataclass, replace
@@ -49,6 +50,9 @@ class Rules:
                             low=1e-6, high=0.5, source='own choice: one in a thousand')
     partners: int = 12   # causes, best first, that are tried in pairs
     alone: int = 3       # causes, best first, that are fitted in full alone
+    promising: float = quantity(3.0, '', 'least gain in evidence by its response of a cause that '
+                                'is fitted in full', low=0.0, high=1e3,
+                                source='own choice: odds of 20')
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,7 @@ class Candidate:
     mean, sd : (p,) of its parameters, in prior standard deviations
     paid : per explanation, what its choice among the variants of its cause costs in evidence
     separation : from the cause that was accepted [sd]; inf for itself
+    weighed : True if the evidence is that of a full fit
     """
 
     explanations: tuple
@@ -104,6 +109,7 @@ class Candidate:
     sd: np.ndarray
     paid: tuple = (0.0,)
     separation: float = np.inf
+    weighed: bool = False
 
     @property
     def causes(self):
@@ -183,12 +189,16 @@ class Judge:
     check : Candidate -> adequacy.Scan of what it leaves, where the answer to a cause as large as
         that is no longer linear; None = by the columns of the problem
     gone : Candidate -> True if nothing is left of it where its answer is not linear; None = never
+    weigh : Candidate -> evidence that a full fit gains over its response, None where it does not
+        settle; None = nothing is weighed
     """
 
-    def __init__(self, problem, rng, rules=None, check=None, gone=None):
+    def __init__(self, problem, rng, rules=None, check=None, gone=None, weigh=None):
         self.problem, self.rules, self._rng = problem, rules or Rules(), rng
         self._gone = gone or (lambda candidate: False)
-        self._check = check or (lambda candidate: self._scan(candidate.explanations))
+        self._weigh = weigh or (lambda candidate: None)
+        self._left = check or (lambda candidate: self._scan(candidate.explanations))
+        self._known = {}
         self._all, self._without = _grams(problem)
         self._variants = {}
         for one in problem.explanations:
@@ -199,13 +209,13 @@ class Judge:
 
     def decide(self):
         """Return the Decision."""
-        before, ranked = self._scan(()), self.singles()
+        before, ranked = self._scan(()), self._weighed_singles()
         tried, left, refuted = self._alone(ranked, before)
         if before.chance >= self.rules.alarm and tried is None:
             return Decision('nothing_missing', None, (), ranked, before, before)
         if tried is None or left.chance < self.rules.alarm:
-            pair = self._best_pair(ranked)
-            if pair is not None and self._claims(pair, over=tried) and not self._gone(pair):
+            pair = self._pair_beyond(tried, ranked)
+            if pair is not None:
                 tried, left = pair, self._check(pair)
         if tried is None or left.chance < self.rules.alarm:
             return Decision('unexplained', None, (), ranked, left, before, nearest=tried)
@@ -231,6 +241,13 @@ class Judge:
             first = first or (one, left)
             refuted.append(one.causes)
         return (*(first or (None, before)), [])
+
+    def _check(self, one):
+        """adequacy.Scan of what a Candidate leaves, made once."""
+        key = tuple(map(id, one.explanations))
+        if key not in self._known:
+            self._known[key] = self._left(one)
+        return self._known[key]
 
     def _claims(self, one, over=None):
         """True if a Candidate stands out, from no cause or from the one in `over`."""
@@ -262,6 +279,41 @@ class Judge:
         """The best Candidate of every cause, by evidence averaged over its variants."""
         found = [self._best(cause) for cause in self._variants]
         return tuple(sorted(found, key=lambda c: -c.evidence))
+
+    def _weighed_singles(self):
+        """`singles`, those that promise most weighed, in their new order.
+
+        Where the first is far ahead and leaves nothing, the others need not be.
+        """
+        ranked = list(self.singles())
+        first = ranked[0]
+        for i, one in enumerate(ranked[:self.rules.alone]):
+            far = first.evidence - one.evidence >= self.rules.certain
+            if one.evidence < self.rules.promising or (
+                    far and self._check(first).chance >= self.rules.alarm):
+                break
+            ranked[i] = self._weighed(one)
+        return tuple(sorted(ranked, key=lambda c: -c.evidence))
+
+    def _weighed(self, one):
+        """A Candidate with the evidence of its full fit, as it is where that does not settle."""
+        more = self._weigh(one)
+        return one if more is None else replace(one, evidence=one.evidence + more, weighed=True)
+
+    def _pair_beyond(self, tried, ranked):
+        """The pair that stands out from the single cause `tried` (None = none); None if none does.
+
+        By responses, and where both are weighed by full fits as well.
+        """
+        pair = self._best_pair(ranked)
+        alone = tried and self._candidate(tried.explanations, tried.paid)
+        if pair is None or not self._claims(pair, over=alone):
+            return None
+        pair = self._weighed(pair)
+        if tried is not None and pair.weighed and tried.weighed and not self._claims(
+                pair, over=tried):
+            return None
+        return None if self._gone(pair) else pair
 
     def _best(self, cause, beside=()):
         """The best Candidate of a cause, alone or beside Candidates of others as they are."""
@@ -312,7 +364,9 @@ class Judge:
                 rival = one if rest is None else self._best(one.causes[0], (rest,))
                 apart = self._apart(accepted, rival)
                 close = accepted.evidence - rival.evidence < self.rules.rival
-                alike = apart < self.rules.apart or close and self._claims(rival, over=rest)
+                told = accepted.weighed and rival.weighed and not close
+                alike = apart < self.rules.apart and not told or close and self._claims(
+                    rival, over=rest)
                 if alike and not self._gone(rival):
                     out.append(replace(rival, separation=apart))
         return tuple(out)

@@ -103,7 +103,7 @@ def fit_in_full(assembly, candidate, law):
     suspects = assembly.matched[:len(assembly.matched) - assembly.sound]
     kept = tuple(_kept(m, effect) for m, effect in zip(suspects, _effects(assembly, candidate),
                                                        strict=False))
-    data = [_without_modulus(m, some) for m, some in zip(suspects, kept, strict=True)]
+    data = [without_modulus(m, some) for m, some in zip(suspects, kept, strict=True)]
     modulus = hypothesis(StiffnessScale)
     try:
         back = tuple(_standing_back(m, one, hypotheses, amplitudes)
@@ -147,7 +147,7 @@ def _kept(m, effect=None):
     return np.union1d(even, np.argsort(-shown, kind='stable')[:SHOWING])
 
 
-def _without_modulus(m, states):
+def without_modulus(m, states):
     """refit.Data of a Matched in which the modulus is no nuisance: other numbers are relative to
     it, so that it is fitted in full with them.
     """

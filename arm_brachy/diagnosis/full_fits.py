@@ -9,6 +9,7 @@ from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.assembly import features_of, structured_tests
 from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
 from arm_brachy.diagnosis.held_out import stacked
+from arm_brachy.diagnosis.laplace import gain_over_response
 from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue
 from arm_brachy.diagnosis.model_error import Accuracy
 
@@ -50,6 +51,12 @@ class FullFits:
         errors = law_errors([part.observables for part in parts], pushes, sizes)
         return self._scan(np.hstack([U, errors]), np.concatenate([part.named for part in parts]),
                           tests, np.concatenate(sizes))
+
+    def gain(self, candidate):
+        """Evidence that the full fit of a decide.Candidate gains over its response; None if it did
+        not settle.
+        """
+        return gain_over_response(self._assembly, candidate, self.of(candidate))
 
     def gone(self, candidate):
         """True if a cause of it may be nothing at all once its numbers are fitted in full.

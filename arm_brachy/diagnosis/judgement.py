@@ -39,7 +39,7 @@ def judged(matched, tests, tried, sound, seed, accuracy=None):
         assembly = assemble(matched, tried, sound)
         fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy)
         return assembly, fits, Judge(assembly.problem, stream(seed, 'decision'), check=fits.check,
-                                   gone=fits.gone)
+                                   gone=fits.gone, weigh=fits.gain)
 
     assembly, fits, one = judge()
     fault, notes = mesh_fault(matched, one.singles()[0].evidence), ()

@@ -36,12 +36,12 @@ class World:
                         for i in range(CAUSES) if cause(i))
         return singles + extra
 
-    def decide(self, effect, *extra, gone=None, check=None, cause=lambda i: True):
+    def decide(self, effect, *extra, gone=None, check=None, weigh=None, cause=lambda i: True):
         r = (effect + self.nuisance @ self.rng.normal(size=CHANNELS)
              + self.rng.normal(size=len(self.channel)))
         problem = Problem(r, self.nuisance, self.kinds, self.tests,
                           self.explanations(*extra, cause=cause), self.pushes)
-        return Judge(problem, self.rng, gone=gone, check=check).decide()
+        return Judge(problem, self.rng, gone=gone, check=check, weigh=weigh).decide()
 
 
 @pytest.fixture(params=range(4))
@@ -182,6 +182,30 @@ def test_what_left_something_in_full_is_told_from_what_left_nothing(world):
     first, second = asked
     assert {first, second} == {('like',), ('cause_2',)}
     assert decision.verdict == 'named' and decision.accepted.causes == second
+
+
+def test_a_full_fit_that_gains_more_goes_before_a_better_response(world):
+    """Two are alike by their responses: the one whose full fit gains less is told from it."""
+    like = Explanation('like', '', 2.5 * world.responses[2][:, None])
+    for favourite in ('like', 'cause_2'):
+        decision = world.decide(world.responses[2], like, weigh=lambda one, best=favourite: (
+            30.0 * (one.causes == (best,))))
+        assert decision.verdict == 'named' and decision.accepted.causes == (favourite,)
+        assert decision.accepted.weighed
+
+
+def test_full_fits_that_do_not_differ_or_settle_leave_a_class(world):
+    like = Explanation('like', '', 2.5 * world.responses[2][:, None])
+    for weigh in (lambda one: 7.0, lambda one: None):
+        assert world.decide(world.responses[2], like, weigh=weigh).verdict == 'equivalent'
+
+
+def test_only_what_promises_something_is_weighed():
+    """A full fit takes seconds to minutes: none is made of what hardly gains by its response."""
+    asked = []
+    for seed in range(10):
+        World(300 + seed).decide(0.0, weigh=lambda one: asked.append(one))
+    assert len(asked) <= 1
 
 
 @pytest.mark.parametrize(('shows', 'verdict'), [((0,), 'unexplained'), ((0, 2), 'named')])
