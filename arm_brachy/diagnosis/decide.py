@@ -50,6 +50,7 @@ class Rules:
                             low=1e-6, high=0.5, source='own choice: one in a thousand')
     partners: int = 12   # causes, best first, that are tried in pairs
     alone: int = 3       # causes, best first, that are fitted in full alone
+    weighed: int = 4     # causes, best first, whose full fits are compared
     promising: float = quantity(3.0, '', 'least gain in evidence by its response of a cause that '
                                 'is fitted in full', low=0.0, high=1e3,
                                 source='own choice: odds of 20')
@@ -277,23 +278,27 @@ class Judge:
 
     def singles(self):
         """The best Candidate of every cause, by evidence averaged over its variants."""
-        found = [self._best(cause) for cause in self._variants]
-        return tuple(sorted(found, key=lambda c: -c.evidence))
+        return _sorted(self._best(cause) for cause in self._variants)
 
     def _weighed_singles(self):
         """`singles`, those that promise most weighed, in their new order.
 
-        Where the first is far ahead and leaves nothing, the others need not be.
+        Where the first is far ahead and leaves nothing, the others need not be, but for those
+        whose responses do as well.
         """
-        ranked = list(self.singles())
-        first = ranked[0]
-        for i, one in enumerate(ranked[:self.rules.alone]):
-            far = first.evidence - one.evidence >= self.rules.certain
-            if one.evidence < self.rules.promising or (
+        ranked, asked = self.singles(), set()
+        response = {one.causes: one.evidence for one in ranked}
+        for _ in range(self.rules.weighed):
+            first = ranked[0]
+            one = next((c for c in ranked if c.causes not in asked), first)
+            far = (first.evidence - one.evidence >= self.rules.certain
+                   and response[first.causes] - one.evidence >= self.rules.rival)
+            if one.evidence < self.rules.promising or one.causes in asked or (
                     far and self._check(first).chance >= self.rules.alarm):
                 break
-            ranked[i] = self._weighed(one)
-        return tuple(sorted(ranked, key=lambda c: -c.evidence))
+            asked.add(one.causes)
+            ranked = _sorted(self._weighed(c) if c is one else c for c in ranked)
+        return ranked
 
     def _weighed(self, one):
         """A Candidate with the evidence of its full fit, as it is where that does not settle."""
@@ -381,3 +386,8 @@ class Judge:
     def _of(self, explanations):
         """Numbers of the columns of some explanations."""
         return np.concatenate([self._columns[id(e)] for e in explanations])
+
+
+def _sorted(candidates):
+    """Candidates as a tuple, the one of most evidence first."""
+    return tuple(sorted(candidates, key=lambda c: -c.evidence))
