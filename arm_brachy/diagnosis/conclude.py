@@ -79,7 +79,8 @@ def nearest_of(assembly, decision, fits, ratio, tests):
     fitted = fits.of(decision.nearest)
     scene = assembly.matched[0].baseline.model.specimen.scene
     places = [one for one in places_of(fitted, scene) if one is not None]
-    return Nearest(fitted.causes(0.0), tuple(places), errors_of(assembly, fitted, ratio, tests))
+    errors = () if fitted.refit is None else errors_of(assembly, fitted, ratio, tests)
+    return Nearest(fitted.causes(0.0), tuple(places), errors)
 
 
 def errors_of(assembly, fitted, ratio, tests):

@@ -189,7 +189,8 @@ def _nearest(d):
     for value in (one for cause in causes for one in cause['parameters'].values()):
         del value['interval_90']    # of a model that does not hold
     return {'words': words.nearest(d), 'causes': causes,
-            'where': [_place(place) for place in d.nearest.where],
+            'where': [{key: value for key, value in _place(place).items() if key != 'radius_m'}
+                      for place in d.nearest.where],
             'fit': [_fit(one) for one in d.nearest.fit]}
 
 

@@ -107,10 +107,10 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Nearest:
-    """What comes nearest where nothing explains all: no claim, its numbers have no interval.
+    """What comes nearest where nothing explains all: no claim, its numbers are told without error.
 
     causes : cause.Cause that hold together;  where : Place of each that has one
-    fit : StreamFit per stream, `named` with them
+    fit : StreamFit per stream, `named` with them; () where their full fit did not settle
     """
 
     causes: tuple

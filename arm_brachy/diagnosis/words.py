@@ -84,10 +84,10 @@ def _cause_at(d, cause):
     return f'{title(cause)}{_at(d, cause)}'
 
 
-def _at(d, cause):
+def _at(d, cause, *, region=True):
     """Where a cause is, of those in `where` of a Diagnosis or a Nearest."""
     where = next((p for p in d.where if p.option == cause.option and p.term == cause.term), None)
-    return '' if where is None else f' {place(where)}'
+    return '' if where is None else f' {place(where, region=region)}'
 
 
 def title(cause):
@@ -95,18 +95,19 @@ def title(cause):
     return f'{spoken(cause.term)} ({cause.spec.summary})'
 
 
-def place(where):
-    """A Place, with its preposition."""
+def place(where, *, region=True):
+    """A Place, with its preposition; region : with the 90 % region around it."""
     if where.stream:
         words, carrier = STREAMS[where.stream]
         return f'in the {words}' + (f' ({carrier} {where.channel})' if where.channel else '')
     if where.actuator:
         return f'at the actuator of {where.actuator}'
     at = '' if where.position is None else point(where.position)
-    around = '' if where.position is None else f'90 % region: {where.radius * MM:.1f} mm around it'
+    if at and region:
+        at += f' (90 % region: {where.radius * MM:.1f} mm around it)'
     if where.boundary:
-        return f'on the {where.boundary}{f", at {at} ({around})" if at else ""}'
-    return f'at {at} ({around})'
+        return f'on the {where.boundary}{f", at {at}" if at else ""}'
+    return f'at {at}'
 
 
 def point(position):
@@ -147,9 +148,11 @@ def improvement(one):
 def nearest(d):
     """What comes nearest to what is unexplained, what it gains, and that it is not all of it."""
     one = d.nearest
-    found = listed([title(cause) + _at(one, cause) for cause in one.causes])
-    return (f'What comes nearest is {found}: held out, {listed([_gain(f) for f in one.fit])}. '
-            'It is not claimed: what it leaves is more than noise.')
+    found = listed([title(cause) + _at(one, cause, region=False) for cause in one.causes])
+    gains = f': held out, {listed([_gain(f) for f in one.fit])}' if one.fit else (
+        ', by its linear answer: its full fit did not settle')
+    return (f'What comes nearest is {found}{gains}. It is not claimed: what it leaves is more '
+            'than noise.')
 
 
 def _gain(one):

@@ -54,6 +54,7 @@ def test_what_comes_nearest_has_no_interval_and_is_no_cause(answers):
     assert found['causes'] == []
     near, = found['nearest']['causes']
     assert near['parameters']['radius_mm'] == {'value': pytest.approx(24.2), 'unit': 'mm'}
+    assert 'radius_m' not in found['nearest']['where'][0]
     assert [one['stream'] for one in found['nearest']['fit']] == ['optical', 'force']
     with pytest.raises(InputError, match='named with what comes nearest'):
         replace(answers['named'], nearest=answers['unexplained'].nearest)

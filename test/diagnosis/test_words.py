@@ -46,10 +46,12 @@ def test_what_comes_nearest_is_told_and_not_claimed(answers):
     d = answers['unexplained']
     assert words.nearest(d) == (
         'What comes nearest is base debond (part of the glued base has come off) on the base, at '
-        'x = 31.0, y = -4.0, z = 0.0 mm (90 % region: 2.9 mm around it): held out, the error of '
-        'the optical markers goes from 0.39 to 0.21 mm (noise alone: 0.15 mm) and the error of '
-        'the pad forces goes from 0.041 to 0.033 N (noise alone: 0.030 N). It is not claimed: '
-        'what it leaves is more than noise.')
+        'x = 31.0, y = -4.0, z = 0.0 mm: held out, the error of the optical markers goes from '
+        '0.39 to 0.21 mm (noise alone: 0.15 mm) and the error of the pad forces goes from 0.041 '
+        'to 0.033 N (noise alone: 0.030 N). It is not claimed: what it leaves is more than noise.')
+    unsettled = replace(d, nearest=replace(d.nearest, fit=()))
+    assert 'z = 0.0 mm, by its linear answer: its full fit did not settle. It' in words.nearest(
+        unsettled)
     assert [words.why_not(one, d) for one in d.alternatives] == [
         'comes nearest, but leaves more than noise', 'explains a part at most',
         'gains too little on what was held out']
