@@ -121,6 +121,7 @@ def left_over(assembly, explanations, *, mesh=False):
     best = posterior(U, problem.r).mean
     if mesh:
         best[:len(assembly.names)][np.isin(assembly.names, NAMES)] = 0.0
+        return problem.r + np.concatenate([m.of_mesh for m in assembly.matched]) - U @ best
     return problem.r - U @ best
 
 

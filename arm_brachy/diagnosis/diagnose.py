@@ -99,10 +99,11 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     occasions = occasions_of(looked)
     tried = try_all(matched, occasions, lambda done, of, name: say(STEPS[2], done / of))
     say(STEPS[3], 0.0)
-    judgement = judged(matched, tests, tried, len(null), provenance.seed, accuracy)
+    judgement = judged(matched, tests, tried, len(null), provenance.seed, accuracy,
+                       ensemble.limit)
     provenance = replace(provenance, recordings=_recordings(looked, tested, sound))
     request = asked(judgement.assembly, judgement.decision, ensemble, calibration)
-    return _answer(judgement, found, looked, tests, provenance, ratio, left_out, request)
+    return _answer(judgement, found, looked, provenance, ratio, left_out, request)
 
 
 def _look(evidences, calibration, say):
@@ -142,8 +143,9 @@ def _recordings(looked, tested, sound):
                  for one in group)
 
 
-def _answer(judgement, found, looked, tests, provenance, ratio, left_out, request):
+def _answer(judgement, found, looked, provenance, ratio, left_out, request):
     assembly, decision, fault = judgement.assembly, judgement.decision, judgement.fault
+    tests = judgement.tests
     accepted, specimen = decision.accepted, assembly.matched[0].baseline.model.specimen
     scene = specimen.scene
     explanations = accepted.explanations if accepted else ()

@@ -37,8 +37,8 @@ class Calibration:
                                  high=100.0, source='own choice: tared to one or two counts')
     force_gain: float = quantity(0.01, '', 'scale of a force sensor', low=0.0, high=1.0,
                                  source='own choice: hung with a few weights of 0.5 % each')
-    force_drift: float = quantity(0.05, 'N_min', 'drift of a force sensor, per axis', low=0.0,
-                                  high=100.0, source='own choice: 0.1 % of 50 N per minute')
+    force_drift: float = quantity(0.02, 'N_min', 'drift of a force sensor, per axis', low=0.0,
+                                  high=100.0, source='own choice: 0.1 % of 20 N per minute')
     touch: float = quantity(0.2, 'mm', 'pad position where the encoder says zero', low=0.0,
                             high=10.0, source='own choice: where a pad first touches soft '
                                               'tissue, found by eye')

@@ -191,7 +191,7 @@ def data_of(m, kept):
     U = observables.whiten({kind: v[kept] for kind, v in m.nuisances.values.items()})
     return Data(m.baseline.model.specimen, _coarse(m.recorded.path, m.recorded.states.t[kept]),
                 m.recorded.states.t[kept], observables, U, m.baseline.model.terms,
-                m.baseline.take(kept))
+                m.baseline.take(kept), {kind: v[kept] for kind, v in m.finer.items()})
 
 
 def _coarse(path, t):
@@ -213,21 +213,22 @@ def parts_of(assembly, fitted, ratio):
         data = data_of(m, kept)
         kinds = np.array(m.recorded.kinds, dtype=object)[kept][data.observables.states]
         shown = {kind: values[kept] for kind, values in m.baseline.shown.items()}
+        of_mesh = data.observables.whiten_shift(data.finer)
         named, columns = data.observables.residual(shown), np.zeros((len(kinds), 0))
         if fitted is not None and fitted.refit is not None:
             columns = fitted.refit.columns[i]
-            named = fitted.refit.residual[i] + columns @ fitted.refit.z
+            named = fitted.refit.residual[i] + columns @ fitted.refit.z + of_mesh
             columns = np.hstack([columns, fitted.back[i]])
         found = fitted is not None or bool(m.baseline.model.terms)
         plain = _without_terms(m, data.encoder, data.t, shown)
-        out.append(_part(m, data.observables, kinds, data.U, plain, ratio,
+        out.append(_part(m, data.observables, kinds, data.U, plain, ratio, of_mesh,
                          (named, columns) if found else (None, None)))
     return out
 
 
 def tested_part(m, fitted, ratio):
     """held_out.Part of a Matched that was not fitted, with what was found elsewhere."""
-    named, width = m.r, 0
+    named, width = m.observables.residual(m.baseline.shown), 0
     if fitted is not None and fitted.refit is not None:
         model = ForwardModel(m.baseline.model.specimen,
                              (*m.baseline.model.terms, *fitted.refit.terms))
@@ -236,15 +237,15 @@ def tested_part(m, fitted, ratio):
         width = len(fitted.refit.z) + fitted.back[0].shape[1]
     found = fitted is not None or bool(m.baseline.model.terms)
     plain = _without_terms(m, m.recorded.path, m.recorded.states.t, m.baseline.shown)
-    return _part(m, m.observables, m.kinds, m.U, plain, ratio,
+    return _part(m, m.observables, m.kinds, m.U, plain, ratio, m.of_mesh,
                  (named, np.zeros((len(named), width))) if found else (None, None))
 
 
-def _part(m, observables, kinds, U, plain, ratio, found):
+def _part(m, observables, kinds, U, plain, ratio, of_mesh, found):
     """The Part; plain : what the model shows without any term."""
     given = observables.difference({**plain, FORCE: plain[FORCE] / ratio})
     return Part(observables, kinds, given, observables.residual(plain), U, m.own,
-                np.isin(m.nuisances.names, NAMES), *found)
+                np.isin(m.nuisances.names, NAMES), of_mesh, *found)
 
 
 def _without_terms(m, encoder, t, shown):

@@ -42,15 +42,16 @@ class FullFits:
             (part.observables, {name: values[kept] for name, values in features_of(m).items()})
             for part, m, kept in zip(parts, self._assembly.matched, found.kept, strict=False)])
         law = law_of(found.hypotheses, self._law)
-        sizes = [law * (part.r - residual) * of_tissue(part.observables, m.baseline.model.specimen)
-                 for part, residual, m in zip(parts, found.refit.residual, self._assembly.matched,
-                                              strict=False)]
+        sizes = [law * (part.r - part.of_mesh - residual) * of_tissue(
+            part.observables, m.baseline.model.specimen)
+            for part, residual, m in zip(parts, found.refit.residual, self._assembly.matched,
+                                         strict=False)]
         U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts])])
         pushes = [pushes_of(m)[kept] for m, kept in
                   zip(self._assembly.matched, found.kept, strict=False)]
         errors = law_errors([part.observables for part in parts], pushes, sizes)
-        return self._scan(np.hstack([U, errors]), np.concatenate([part.named for part in parts]),
-                          tests, np.concatenate(sizes))
+        left = np.concatenate([part.named - part.of_mesh for part in parts])
+        return self._scan(np.hstack([U, errors]), left, tests, np.concatenate(sizes))
 
     def gain(self, candidate):
         """Evidence that the full fit of a decide.Candidate gains over its response; None if it did

@@ -18,6 +18,7 @@ class Part:
     given : (N,) measured less the scene as it came, SI;  r : (N,) whitened, less the model
     U : (N, k) whitened nuisances;  own : (k,) those that other recordings do not share
     mesh : (k,) those of what a mesh may be wrong by
+    of_mesh : (N,) whitened, what finer elements would add to the model; r and named are without
     named : (N,) r of the model with what was found, its numbers taken out to first order, and
     columns : (N, p) what these numbers do, at one prior standard deviation; None = nothing found
     """
@@ -29,6 +30,7 @@ class Part:
     U: np.ndarray
     own: np.ndarray
     mesh: np.ndarray
+    of_mesh: np.ndarray
     named: np.ndarray | None = None
     columns: np.ndarray | None = None
 
@@ -60,14 +62,15 @@ def stream_fits(parts, tested=()):
     folds = [kinds == kind for kind in np.unique(kinds)]
     if tested:
         folds = [np.repeat(np.arange(len(every)) >= len(parts), [len(p.r) for p in every])]
-    asked = np.any(folds, axis=0)
+    asked, off = np.any(folds, axis=0), np.concatenate([part.of_mesh for part in every])
     errors = {'as_given': np.concatenate([part.given for part in every]),
-              'recalibrated': _left(every, U, mesh, np.concatenate([p.r for p in every]), folds),
+              'recalibrated': _left(every, U, mesh, np.concatenate([p.r for p in every]), off,
+                                    folds),
               'noise_floor': np.concatenate([part.observables.sd for part in every])}
     if parts[0].named is not None:
         whole = np.hstack([U, np.vstack([part.columns for part in every])])
         wide = np.pad(mesh, (0, whole.shape[1] - len(mesh)))
-        errors['named'] = _left(every, whole, wide, np.concatenate([p.named for p in every]),
+        errors['named'] = _left(every, whole, wide, np.concatenate([p.named for p in every]), off,
                                 folds)
     streams = np.array([row.kind for part in every for row in part.observables.rows])
     held_out = ', '.join(name for name, _ in tested) or 'every kind of push in turn'
@@ -81,14 +84,14 @@ def _rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _left(parts, U, mesh, r, folds):
+def _left(parts, U, mesh, r, of_mesh, folds):
     """(N,) SI: what is left of r where each of `folds` (N,) is predicted from all but it.
 
-    mesh : (k,) columns of U that are fitted and predict nothing
+    mesh : (k,) columns of U that are fitted and predict nothing, as of_mesh (N,) does
     """
     out = np.zeros(len(r))
     for rows in folds:
-        known = np.where(mesh, 0.0, posterior(U[~rows], r[~rows]).mean)
+        known = np.where(mesh, 0.0, posterior(U[~rows], (r - of_mesh)[~rows]).mean)
         out[rows] = r[rows] - U[rows] @ known
     ends = np.cumsum([0, *(len(part.r) for part in parts)])
     return np.concatenate([part.observables.coloured(out[a:b]) for part, a, b in

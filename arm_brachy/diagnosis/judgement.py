@@ -12,11 +12,13 @@ from arm_brachy.diagnosis.full_fits import FullFits
 from arm_brachy.diagnosis.loudness import louder, said
 from arm_brachy.diagnosis.mesh_errors import SYSTEMATIC
 from arm_brachy.diagnosis.mesh_fault import ALLOWED, MeshFault, mesh_fault
+from arm_brachy.diagnosis.mesh_limit import at_limit
+from arm_brachy.diagnosis.mesh_limit import said as said_of_limit
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """assembly, fits, decision : what was decided, on what
+    """assembly, fits, decision : what was decided, on what;  tests : Matched, held out
 
     fault : MeshFault, None where the mesh is good enough;  notes : sentences
     """
@@ -24,14 +26,16 @@ class Judgement:
     assembly: Assembly
     fits: FullFits
     decision: Decision
+    tests: tuple
     fault: MeshFault | None
     notes: tuple
 
 
-def judged(matched, tests, tried, sound, seed, accuracy=None):
+def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
     """The Judgement of Matched recordings and what was tried (`hypotheses.try_all`) on them.
 
     tests : Matched, held out: what is found of mesh and noise holds for them as well
+    limit : mesh_errors.Limit of their body, None = not known
     sound : number of null recordings, last of `matched`;  accuracy : model_error.Accuracy
     What nothing explains is judged anew with noise as loud as it may be.
     """
@@ -45,9 +49,14 @@ def judged(matched, tests, tried, sound, seed, accuracy=None):
     fault, notes = mesh_fault(matched, one.singles()[0].evidence), ()
     if fault is not None and not fault.material:
         fault, notes = None, (fault.note,)
+    finer = at_limit(matched, limit) if fault is None else None
     if fault is not None:
         for test in tests:
             test.loosen(SYSTEMATIC, ALLOWED)
+    if finer is not None:
+        matched, tests = finer, [test.at_limit(limit) for test in tests]
+        notes = (*notes, said_of_limit(finer))
+    if fault is not None or finer is not None:
         assembly, fits, one = judge()
     decision = one.decide()
     strange = decision.verdict == 'unexplained' and decision.unproven is None
@@ -57,4 +66,4 @@ def judged(matched, tests, tried, sound, seed, accuracy=None):
             every.louder(factors)
         assembly, fits, one = judge()
         decision, notes = one.decide(), (*notes, *said(factors))
-    return Judgement(assembly, fits, decision, fault, notes)
+    return Judgement(assembly, fits, decision, tuple(tests), fault, notes)

@@ -29,8 +29,7 @@ def gain_over_response(assembly, candidate, found):
     for i, (m, kept, back) in enumerate(zip(assembly.matched, found.kept, found.back,
                                             strict=False)):
         data, fitted = data_of(m, kept), without_modulus(m, kept)
-        r = data.observables.residual({kind: values[kept]
-                                       for kind, values in m.baseline.shown.items()})
+        r = data.residual({kind: values[kept] for kind, values in m.baseline.shown.items()})
         X = np.hstack([data.observables.whiten({kind: values[kept] for kind, values
                                                 in one[i].per_prior().items()})
                        for one in responses])

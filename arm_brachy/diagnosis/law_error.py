@@ -75,7 +75,7 @@ def widened(found, data, factor, law):
     effect = []
     for one, residual in zip(data, found.residual, strict=True):
         shown = one.baseline.shown
-        plain = one.observables.residual({**shown, FORCE: factor * shown[FORCE]})
+        plain = one.residual({**shown, FORCE: factor * shown[FORCE]})
         effect.append((plain - residual) * of_tissue(one.observables, one.specimen))
     errors = law_errors([one.observables for one in data],
                         [one.baseline.path.at(one.baseline.t) for one in data],

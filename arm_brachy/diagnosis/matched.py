@@ -6,6 +6,7 @@ import numpy as np
 
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.forward import ForwardModel
+from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.model_error import timing_errors, with_accuracy
 from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.observables import Observables, channels_of, measured
@@ -23,18 +24,23 @@ class Matched:
 
     recorded : Recorded;  baseline : Baseline;  observables : Observables
     nuisances : nuisances.Nuisances, tolerances and errors of the mesh included
-    r : (N,) whitened residual;  U : (N, k) whitened nuisances
+    finer : kind -> (n, c, 3) SI that elements of no size add to the baseline, {} = not known
+    of_mesh : (N,) that, whitened;  r : (N,) whitened residual, it included
+    U : (N, k) whitened nuisances
     """
 
     recorded: Recorded
     baseline: Baseline
     observables: Observables
     nuisances: object
+    finer: dict = field(default_factory=dict)
+    of_mesh: np.ndarray = field(init=False)
     r: np.ndarray = field(init=False)
     U: np.ndarray = field(init=False)
 
     def __post_init__(self):
-        self.r = self.observables.residual(self.baseline.shown)
+        self.of_mesh = self.observables.whiten_shift(self.finer)
+        self.r = self.observables.residual(self.baseline.shown) - self.of_mesh
         self.U = self.observables.whiten(self.nuisances.values)
 
     def loosen(self, names, factor):
@@ -43,6 +49,15 @@ class Matched:
         self.nuisances = replace(self.nuisances, values={
             kind: chosen * values for kind, values in self.nuisances.values.items()})
         self.U = self.U * chosen
+
+    def at_limit(self, limit):
+        """The Matched with what finer elements come to, a mesh_errors.Limit of its body."""
+        kept = ~np.isin(self.nuisances.names, NAMES)
+        others = replace(self.nuisances, names=tuple(np.array(self.nuisances.names)[kept]),
+                         values={kind: values[..., kept]
+                                 for kind, values in self.nuisances.values.items()})
+        return replace(self, nuisances=joined(others, limit.left.along(self.baseline)),
+                       finer=limit.along(self.baseline))
 
     def louder(self, factors):
         """Multiply the variance of streams, kind -> factor, as far as their noise is in doubt.

@@ -14,6 +14,9 @@ factor 1 / (1 - 2^-p) that a body has in common for all its pads, p from 1 (the 
 disc) to 2. Nineteen pads of four bodies, forces against other codes' fine meshes: 1.5 to 2 times
 what halving changes, from pad to pad 0.1 to 0.35. That is one column for all pads; beside it
 every pad has its own, since a large effect changes what a mesh does to it.
+Where recordings bear out that they are of what finer elements come to (`mesh_limit`), the rest of
+the series is added to the model, and far less is left that it may be wrong by (`Limit`). A
+recording that another code made on a mesh of its own, as coarse as ours, does not.
 Costs a factor of the tangent per member: 6 s of CPU for 2275 quadratic elements.
 Test: diagnosis/forward/test_mesh_errors.py
 """
@@ -56,6 +59,17 @@ class EnsembleOptions:
                             'depth, as planted, is not found to explain its recording')
     shared: float = quantity(0.5, '', 'share of the variance that is kept as found, common to '
                              'channels', low=0.0, high=1.0, source='own choice')
+    limit: float = quantity(1.75, '', 'times what halving the elements changes, what elements of '
+                            'no size do', low=0.0, high=10.0, source='1.5 to 2 by the forces of '
+                            '19 pads on 4 bodies')
+    limit_sd: float = quantity(0.35, '', 'standard deviation of that, for all pads together and '
+                               'for each', low=0.0, high=10.0, source='own choice: the same '
+                               '19 pads, 0.1 to 0.35 from pad to pad')
+    limit_forces: float = quantity(1.0, '', 'times the deviations of forces within the ensemble, '
+                                   'where the limit holds', low=0.0, high=100.0,
+                                   source='own choice: 14 recordings of another code on finer '
+                                   'elements are 10 to 30 nats likelier by the limit so; '
+                                   'positions at single points may be off by more')
 
 
 @dataclass(frozen=True)
@@ -86,22 +100,50 @@ class Ensemble:
     names : k;  systematic : (k,) as in MeshErrors
     tangents, curvatures : (markers + tools + pads, 3, pads, k) first and second derivative by the
     push of each pad, SI, one standard deviation each
+    limit : Limit of finer elements, None where they are not known
     """
 
     names: tuple
     systematic: np.ndarray
     tangents: np.ndarray
     curvatures: np.ndarray
+    limit: 'Limit | None' = None
 
     def along(self, baseline):
         """Return the MeshErrors of a baseline.Baseline of the same body."""
         push = baseline.path.at(baseline.t)
-        k, e = len(baseline.model.specimen.markers), len(baseline.model.specimen.tools)
         whole = np.concatenate([
             np.einsum('np,capj->ncaj', push, self.tangents),
             np.einsum('np,capj->ncaj', 0.5 * push**2, self.curvatures)], axis=3)
-        values = {OPTICAL: whole[:, :k], EM: whole[:, k:k + e], FORCE: whole[:, k + e:]}
-        return MeshErrors(self.names * 2, values, np.tile(self.systematic, 2))
+        return MeshErrors(self.names * 2, _by_kind(whole, baseline.model.specimen),
+                          np.tile(self.systematic, 2))
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What elements of no size add to the model, extrapolated from halving them (Richardson).
+
+    tangents, curvatures : (markers + tools + pads, 3, pads) as in Ensemble
+    left : Ensemble of what that may be wrong by
+    Good for small departures from the model: a cause that changes all changes this with it.
+    """
+
+    tangents: np.ndarray
+    curvatures: np.ndarray
+    left: Ensemble
+
+    def along(self, baseline):
+        """Return kind -> (n, c, 3) SI, to be added to a baseline.Baseline of the same body."""
+        push = baseline.path.at(baseline.t)
+        whole = (np.einsum('np,cap->nca', push, self.tangents)
+                 + np.einsum('np,cap->nca', 0.5 * push**2, self.curvatures))
+        return _by_kind(whole, baseline.model.specimen)
+
+
+def _by_kind(values, specimen):
+    """Values (n, markers + tools + pads, ...) of all channels by the kind of their stream."""
+    k, e = len(specimen.markers), len(specimen.tools)
+    return {OPTICAL: values[:, :k], EM: values[:, k:k + e], FORCE: values[:, k + e:]}
 
 
 def ensemble_of(model, rng, options=None):
@@ -119,12 +161,16 @@ def ensemble_of(model, rng, options=None):
 
     better = {name: off(one) for name, one in _better(model)}
     members = [off(_member(model, rng)) for _ in range(options.members)]
-    moves = np.any(own[0] != 0.0, axis=1)
-    (names, tangents), (_, curvatures) = (
-        _columns({name: one[kind] for name, one in better.items()},
-                 np.stack([one[kind] for one in members]), moves, options) for kind in (0, 1))
-    return Ensemble(names, np.array([name in better for name in names]),
-                    options.inflation * tangents, options.inflation * curvatures)
+    moves, size = np.any(own[0] != 0.0, axis=1), options.inflation
+    found = _ensemble(better, members, moves, options, _Sizes(
+        size, options.apart * size, size, size * np.ones(len(moves))))
+    if ELEMENTS not in better or model.specimen.mesh.midside is None:
+        return found    # from linear elements to quadratic ones is no step of a series
+    forces = np.arange(len(moves)) >= len(moves) - len(model.specimen.pads)
+    left = _ensemble(better, members, moves, options, _Sizes(
+        options.limit_sd, options.limit_sd, size, np.where(forces, options.limit_forces, size)))
+    tangents, curvatures = (options.limit * pattern for pattern in better[ELEMENTS])
+    return replace(found, limit=Limit(tangents, curvatures, left))
 
 
 def _better(model):
@@ -166,17 +212,39 @@ def _moved(model, body):
 
 # Patterns are (k + e + p, 3, p), one push of every pad, as `pushes` gives them.
 
-def _columns(better, members, moves, options):
+@dataclass(frozen=True)
+class _Sizes:
+    """Standard deviations: of what halving changes, for all pads together and for each; of what
+    fitted rims change; (k + e + p,) of what members deviate by.
+    """
+
+    together: float
+    apart: float
+    rims: float
+    members: np.ndarray
+
+
+def _ensemble(better, members, moves, options, sizes):
+    """The Ensemble of better meshes, name -> (tangent, curvature), and members, a pair each."""
+    found = [_columns({name: pair[order] for name, pair in better.items()},
+                      np.stack([pair[order] for pair in members]), moves, options.shared, sizes)
+             for order in (0, 1)]
+    (names, tangents), (_, curvatures) = found
+    return Ensemble(names, np.array([name in better for name in names]), tangents, curvatures)
+
+
+def _columns(better, members, moves, shared, sizes):
     """(names k, patterns (k + e + p, 3, p, k)) of better meshes, members and single channels.
 
-    better : name -> pattern;  members : (s, k + e + p, 3, p)
-    moves : (k + e + p, p) channels that answer to a push at all
+    better : name -> pattern;  members : (s, k + e + p, 3, p);  shared : of EnsembleOptions
+    moves : (k + e + p, p) channels that answer to a push at all;  sizes : _Sizes
     """
-    apart = {name: (options.apart if name == ELEMENTS else 1.0) * pattern
+    apart = {name: (sizes.apart if name == ELEMENTS else sizes.rims) * pattern
              for name, pattern in better.items()}
-    together = [(ELEMENTS, better[ELEMENTS])] if ELEMENTS in better else []
-    columns = [*together, *_by_pad(apart), *_shared(members, options),
-               *_channels(np.stack([*members, *apart.values()]), moves, options)]
+    members = sizes.members[:, None, None] * members
+    together = [(ELEMENTS, sizes.together * better[ELEMENTS])] if ELEMENTS in better else []
+    columns = [*together, *_by_pad(apart), *_shared(members, shared),
+               *_channels(np.stack([*members, *apart.values()]), moves, shared)]
     names, patterns = zip(*columns, strict=True)
     return names, np.stack(patterns, axis=3)
 
@@ -191,21 +259,21 @@ def _by_pad(better):
         yield from ((name, part) for part in _each_pad(pattern))
 
 
-def _shared(members, options):
+def _shared(members, shared):
     """What members have in common between channels."""
-    share = np.sqrt(options.shared / len(members))
+    share = np.sqrt(shared / len(members))
     for member in members:
         yield from ((MEMBER, part) for part in _each_pad(share * member))
 
 
-def _channels(off, moves, options):
+def _channels(off, moves, shared):
     """The rest, channel by channel, axis by axis.
 
     off : (s, k + e + p, 3, p) of members, of better meshes what pads have apart: another mesh is
         as far off as those are, but not by the same pattern
     """
     # By the largest, all axes together: a marker at a rim is seldom off, and then far.
-    sd = np.sqrt((1.0 - options.shared) * np.max(np.mean(off**2, axis=2), axis=0)) / LARGEST
+    sd = np.sqrt((1.0 - shared) * np.max(np.mean(off**2, axis=2), axis=0)) / LARGEST
     for c, p in np.argwhere(moves):
         for axis in range(3):
             alone = np.zeros(off.shape[1:])

@@ -132,6 +132,12 @@ class Observables:
                for *_, seen, factor in self._blocks]
         return np.concatenate(out) if out else np.zeros(0)
 
+    def whiten_shift(self, shift):
+        """Return (N,) of kind -> (n, c, 3) in the model's order, over the noise; {} = zeros."""
+        if not shift:
+            return np.zeros(len(self.rows))
+        return self.whiten({kind: values[..., None] for kind, values in shift.items()})[:, 0]
+
     def times(self, values, factors):
         """Return whitened values (N,) as if each state were its factor (n,) times as large."""
         out, first = [], 0

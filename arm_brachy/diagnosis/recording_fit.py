@@ -38,8 +38,7 @@ class Data:
     specimen : specimen.Specimen to run;  encoder : transmission.Path;  t : (n,) [s] states
     observables : observables.Observables;  U : (N, k) whitened columns of nuisances and mesh
     terms : that the model has anyway;  baseline : Baseline of that model at t, None = to be made
-    offset : kind -> (n, c, 3) to add to every prediction,
-        that of a finer model less that of this one, both without the causes
+    finer : kind -> (n, c, 3) that elements of no size add to every prediction, {} = nothing
     """
 
     specimen: Specimen
@@ -49,7 +48,11 @@ class Data:
     U: np.ndarray
     terms: tuple = ()
     baseline: Baseline | None = None
-    offset: dict = field(default_factory=dict)
+    finer: dict = field(default_factory=dict)
+
+    def residual(self, shown):
+        """(N,) measured less what is shown, kind -> (n, c, 3), and finer elements add."""
+        return self.observables.residual(shown) - self.observables.whiten_shift(self.finer)
 
 
 class RecordingFit:
@@ -65,7 +68,7 @@ class RecordingFit:
 
     def __init__(self, data, terms):
         self.data, self.runs, self.plain = data, 0, None
-        self._added, self._still, self._past = dict(data.offset), None, None
+        self._added, self._still, self._past = {}, None, None
         self._last = None   # equilibria of the model before, from which those of the next begin
         self._bonded = None     # (terms, Baseline) of the model before whose pads come loose
         if data.baseline is not None:
@@ -82,7 +85,7 @@ class RecordingFit:
         elif whole.remembers:
             plain = self._plain()
             self._past = Past(plain.trajectory, plain.model.body.mesh.nodes)
-            self.plain = data.observables.residual(plain.shown)
+            self.plain = data.residual(plain.shown)
 
     @property
     def carries(self):
@@ -139,7 +142,7 @@ class RecordingFit:
                                'that is not found; start from fainter effects')
         for kind in STAGES:
             self._added[kind] = self._added.get(kind, 0.0) + stepped[kind] - shown[kind]
-        residual = self.data.observables.residual
+        residual = self.data.residual
         return float(np.sum(np.square(residual(stepped) - residual(shown))))
 
     def _run(self, model):

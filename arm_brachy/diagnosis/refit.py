@@ -203,7 +203,7 @@ class _Fit:
 
         tiny : no short step helps
         """
-        effect = sum(np.sum(np.square(one.data.observables.residual(one.data.baseline.shown) - r))
+        effect = sum(np.sum(np.square(one.data.residual(one.data.baseline.shown) - r))
                      for one, r in zip(self.recordings, now.residual, strict=True)
                      if one.data.baseline is not None)
         rough = max(ROUGH, 0.5 * RIPPLE * effect)
@@ -238,7 +238,7 @@ class _Fit:
             return lost
         if any(one is None for one in predicted):
             return lost
-        residual = tuple(one.data.observables.residual(p)
+        residual = tuple(one.data.residual(p)
                          for one, p in zip(self.recordings, predicted, strict=True))
         cost = 0.5 * z @ z + 0.5 * sum(
             r @ _weighted(one.data.U, r) for one, r in zip(self.recordings, residual, strict=True))

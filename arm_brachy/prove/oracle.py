@@ -1,7 +1,8 @@
 """What could be known from a case at best: Fisher's analysis on noise-free signals.
 
 e is the whitened effect, clean(with) - clean(without); B what nobody calibrates away, a column per
-nuisance times its prior standard deviation. With M = (1 + B B^T)^-1, by Woodbury,
+nuisance times its prior standard deviation: those that the generator draws, and all that
+`finding.Calibration` lets a careful laboratory leave. With M = (1 + B B^T)^-1, by Woodbury,
 
     detectability^2 = e^T M e,    separation^2 = e^T M e - (e^T M r)^2 / (r^T M r)
 
@@ -87,10 +88,17 @@ def analyse(source, jobs, modes, cache):
     sight = import_module(source).Sight(jobs, cache)
     found = {}
     for job in jobs:
+        effect = sight.effect(job, job)
         rivals = [(sight.label(other), sight.effect(job, other)) for other in jobs
                   if sight.is_rival(other) and sight.label(other) not in sight.label(job)]
         rivals += sight.twins(job)
-        effect = sight.effect(job, job)
-        found[job.name] = {mode: seen(effect, sight.nuisances(job, mode), rivals)
-                           for mode in modes}
+        found[job.name] = {mode: _both(effect, sight.nuisances(job, mode),
+                                       sight.tolerances(job, mode), rivals) for mode in modes}
     return found
+
+
+def _both(effect, nuisances, tolerances, rivals):
+    """`seen` beside nuisances and tolerances, and `at_best_...` beside the nuisances alone."""
+    best = seen(effect, nuisances, rivals)
+    return seen(effect, np.hstack([nuisances, tolerances]), rivals) | {
+        f'at_best_{key}': best[key] for key in ('detectability_sd', 'separation_sd')}

@@ -23,7 +23,8 @@ from arm_brachy.prove.plan import CONFOUNDED, NULL, STRANGE
 SEEN = 5.0      # sd: of the effect, and from every rival, for a case to count as identifiable
 
 
-EXTRAS = {'detectability_sd': None, 'separation_sd': None, 'rival': '', 'error_base': None,
+EXTRAS = {'detectability_sd': None, 'separation_sd': None, 'rival': '',
+          'at_best_detectability_sd': None, 'at_best_separation_sd': None, 'error_base': None,
           'error_tool': None, 'error_oracle': None, 'recovery': None, 'recovery_words': ''}
 
 
@@ -45,6 +46,7 @@ def score(record, truth, extras=None):
            'begun': record['begun'], 'confined': record['confined']}
     row |= {**EXTRAS, **(extras or {})}
     row['identifiable'] = _identifiable(row, truth)
+    row['identifiable_at_best'] = _identifiable(row, truth, 'at_best_')
     return row | _details(record, truth, word)
 
 
@@ -81,12 +83,15 @@ def _one_right(record, truth, word):
     return word == RIGHT or (any(named) and all(one & planted(truth) for one in named))
 
 
-def _identifiable(row, truth):
-    """None if no oracle looked or the kind has nothing to identify."""
-    if row['detectability_sd'] is None or truth['kind'] in (NULL, CONFOUNDED):
+def _identifiable(row, truth, which=''):
+    """None if no oracle looked or the kind has nothing to identify.
+
+    which : prefix of the oracle's columns, see `oracle`
+    """
+    size, apart = row[which + 'detectability_sd'], row[which + 'separation_sd']
+    if size is None or truth['kind'] in (NULL, CONFOUNDED):
         return None
-    apart = row['separation_sd']
-    return row['detectability_sd'] >= SEEN and (apart is None or apart >= SEEN)
+    return size >= SEEN and (apart is None or apart >= SEEN)
 
 
 def _details(record, truth, word):

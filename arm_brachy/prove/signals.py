@@ -10,6 +10,7 @@ import numpy as np
 
 from arm_brachy.diagnosis.finding import Calibration
 from arm_brachy.prove.answering import ABSOLUTE
+from arm_brachy.prove.generator.catalogue import Effect
 from arm_brachy.prove.generator.history import law_of
 from arm_brachy.prove.generator.plant import build_world, pad_travel, with_memory
 from arm_brachy.prove.generator.protocol import set_points
@@ -26,8 +27,12 @@ MEMORY = 0.3                # s, of the coloured part of the sensors' noise
 MODULUS, TOUCH, TURN, SLIDE = 0.15 / np.sqrt(3), 2e-4, np.deg2rad(0.3) / np.sqrt(3), 3e-4 / 3**0.5
 EM_ZERO, FORCE_ZERO, CLOCK = 2e-4 / np.sqrt(3), 0.03, 2e-3 / np.sqrt(3)
 # Where markers are glued is known to this per axis; a recording of the sound set-up shows it.
-PLACEMENT = Calibration().placement
+CALIBRATION = Calibration()
 STREAMS = ('forces', 'optical', 'em', 'encoders')
+# What an actuator may be off by.
+ACTUATORS = {'actuator_gain': {'gain': CALIBRATION.gain, 'offset_mm': 0.0},
+             'actuator_compliance': {'compliance_mm_N': 1e3 * CALIBRATION.compliance},
+             'backlash': {'width_mm': 1e3 * CALIBRATION.play}}
 # What else one actuator may do in proportion to its push, at its typical size.
 TWINS = {'actuator_gain': {'gain': 0.06, 'offset_mm': 0.0},
          'actuator_compliance': {'compliance_mm_N': 0.125}}
@@ -95,6 +100,22 @@ class Sight:
         columns += [{**null, name: null[name] + change} for name, change in shifts]
         return np.column_stack([self._flat(case, one, null) for one in columns])
 
+    def tolerances(self, job, mode):
+        """Whitened columns (n, k) of what a careful laboratory leaves and this generator does not.
+
+        One tolerance of `finding.Calibration` each: nobody who answers can know that all of these
+        happen to be perfect here. mode : as of `nuisances`
+        """
+        case = self._cases[job.name]
+        null = self._null(case)
+        shifts = [*_drifts(null), *(_scales(null) if mode == ABSOLUTE else ())]
+        columns = [{**null, name: null[name] + change} for name, change in shifts]
+        for name, values in ACTUATORS.items() if mode == ABSOLUTE else ():
+            for pad in case.body.pads:
+                one = Effect(name, {**values, 'actuators': [pad.name]}, 0.0)
+                columns.append(self._play(case, (one,), self._sound))
+        return np.column_stack([self._flat(case, one, null) for one in columns])
+
     def _null(self, case):
         return self._play(case, (), self._sound)
 
@@ -148,6 +169,27 @@ def _shifts(null):
 
 def _placements(null):
     """('optical', change) for every marker and axis: a constant of one standard deviation."""
-    shape = null['optical'].shape[1:]
+    yield from _constants(null, 'optical', CALIBRATION.placement)
+
+
+def _constants(null, name, size):
+    """(name, change) for every channel and axis of a stream: `size` at all times."""
+    shape = null[name].shape[1:]
     for i in range(np.prod(shape)):
-        yield 'optical', PLACEMENT * np.eye(1, np.prod(shape), i).reshape(shape)
+        yield name, size * np.eye(1, np.prod(shape), i).reshape(shape)
+
+
+def _drifts(null):
+    """('forces', change) for every pad and axis: a drift of one tolerance."""
+    since = DT * np.arange(len(null['forces']))[:, None, None]
+    for name, rate in _constants(null, 'forces', CALIBRATION.force_drift):
+        yield name, since * rate
+
+
+def _scales(null):
+    """(stream, change) of one tolerance: where tools are, scale of every force and the tracker."""
+    yield from _constants(null, 'em', CALIBRATION.em_registration)
+    for i in range(null['forces'].shape[1]):
+        only = np.arange(null['forces'].shape[1])[:, None] == i
+        yield 'forces', CALIBRATION.force_gain * only * null['forces']
+    yield 'optical', CALIBRATION.scale * null['optical']

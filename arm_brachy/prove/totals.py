@@ -52,6 +52,8 @@ def shares(rows):
     return tuple(share(*one) for one in (
         ('top-1, identifiable singles', sharp, lambda r: r['top_1']),
         ('top-3, identifiable singles', sharp, lambda r: r['top_3']),
+        ('top-1, singles identifiable if nothing were left uncalibrated', [
+            row for row in singles if row.get('identifiable_at_best')], lambda r: r['top_1']),
         ('top-1, all singles', singles, lambda r: r['top_1']),
         ('top-3, all singles', singles, lambda r: r['top_3']),
         ('false alarms, nulls', of_kind(rows, NULL), lambda r: r['outcome'] != SILENT),

@@ -25,7 +25,8 @@ def part(rng, effect=EFFECT, named=True):
     kinds = np.array(['slow', 'fast'])[(np.arange(N) >= N // 2).astype(int)][both.states]
     r = both.residual(zero)
     return Part(both, kinds, both.difference(zero), r, U, np.zeros(3, dtype=bool),
-                np.zeros(3, dtype=bool), r if named else None, J if named else None)
+                np.zeros(3, dtype=bool), np.zeros(len(r)), r if named else None,
+                J if named else None)
 
 
 def test_errors_fall_from_the_scene_as_it_came_to_the_noise():
@@ -60,11 +61,19 @@ def test_what_a_mesh_may_be_wrong_by_is_fitted_and_predicts_nothing():
     assert fit.named == pytest.approx(SD, rel=0.15)
 
 
+def test_what_finer_elements_add_is_fitted_beside_and_predicts_nothing():
+    """The effect is all the mesh's: known to be so it is not taken for the shift, and stays."""
+    one = part(np.random.default_rng(7))
+    fit, = stream_fits([replace(one, of_mesh=one.columns @ [EFFECT / 1e-3])])
+    whole, plain = np.hypot(EFFECT / np.sqrt(3.0), SD), np.hypot(EFFECT / np.sqrt(12.0), SD)
+    assert fit.recalibrated == pytest.approx(whole, rel=0.1) and whole > 1.4 * plain
+
+
 def test_what_is_of_one_recording_alone_stands_side_by_side():
     rng = np.random.default_rng(4)
     one, other = part(rng), part(rng)
     own = [Part(p.observables, p.kinds, p.given, p.r, p.U, np.array([True, False, False]),
-                np.zeros(3, dtype=bool))
+                np.zeros(3, dtype=bool), np.zeros(len(p.r)))
            for p in (one, other)]
     U = stacked(own)
     assert U.shape == (len(one.r) + len(other.r), 4)

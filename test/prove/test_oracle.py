@@ -89,4 +89,7 @@ def test_bodies_that_were_seen_are_not_looked_at_again(tmp_path):
     assert set(analysed(after=2)) == {job.name for job in jobs}
     assert steps == [(0, 3), (1, 3), (1, 3), (2, 3), (3, 3)]
     found = read_json(folder / 'oracle.json')['case_0']['absolute']
+    # Of a unit vector e times its size, beside a column of ones: e' (1 + 1 1')^-1 e = 1 - 1/6.
+    assert found['detectability_sd'] == pytest.approx(
+        np.sqrt(5.0 / 6.0) * found['at_best_detectability_sd'])
     assert found['rival'] == 'twin' and found['separation_sd'] < found['detectability_sd']

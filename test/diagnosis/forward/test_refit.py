@@ -291,13 +291,13 @@ def test_derivatives_are_those_of_full_runs(record, linear, encoder, term, error
         assert off < error * max(np.linalg.norm(expected), 10.0)
 
 
-def test_what_a_finer_model_adds_is_added(record, given):
-    offset = {'optical': np.full((1, 1, 3), 5e-4)}
+def test_what_finer_elements_add_is_added(record, given):
     shown = dict(given(STATES)[0].shown)
-    shown['optical'] = shown['optical'] + offset['optical']
+    finer = {'optical': np.full(shown['optical'].shape, 5e-4)}
+    shown['optical'] = shown['optical'] + finer['optical']
     data = record((), shown=shown)
     one = hypothesis(OpticalScale)
-    with_it = refit([replace(data, offset=offset)], (one,), [np.array([0.0])], held=('centre',))
+    with_it = refit([replace(data, finer=finer)], (one,), [np.array([0.0])], held=('centre',))
     without = refit([data], (one,), [np.array([0.0])], held=('centre',))
     assert with_it.after < 0.6 * len(with_it.residual[0])
     gap = without.residual[0] - with_it.residual[0]
