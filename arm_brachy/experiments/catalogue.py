@@ -15,8 +15,9 @@ from arm_brachy.experiments import (
     silicone_beam,
     table_3_1,
 )
+from arm_brachy.experiments.gel_block import study as gel_block
 
 EXPERIMENTS = {module.NAME: module.reproduce
                for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig,
                              element_accuracy, reduced_model, diagnosis_study,
-                             diagnosis_laboratories)}
+                             diagnosis_laboratories, gel_block)}

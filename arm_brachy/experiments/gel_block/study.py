@@ -1,0 +1,229 @@
+"""The gel block's recordings through import and diagnosis: what is said of each, and is it right.
+
+Nothing is told but the scene file: no null recording, no calibration. `cases` says what was
+planted. Right is the planted term named alone, or at the head of a class; where nothing was
+planted, `nothing_missing`. What is solved and answered is kept in a folder, so that a study that
+was ended goes on where it was. After a change of the block, the recorder or the detector, delete
+that folder, or of it what would be another.
+"""
+
+import json
+import os
+import sys
+import tempfile
+import time
+from itertools import repeat
+from pathlib import Path
+
+import numpy as np
+
+from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.core.paths import run_dir, share_dir
+from arm_brachy.core.scene import load_scene
+from arm_brachy.diagnosis.diagnose import diagnose
+from arm_brachy.diagnosis.diagnosis import Provenance
+from arm_brachy.diagnosis.evidence import load_evidence
+from arm_brachy.diagnosis.page import write_diagnosis
+from arm_brachy.diagnosis.wording import spoken
+from arm_brachy.evaluation.result import Result, commit_of, machine_description
+from arm_brachy.experiments.diagnosis_cases import hasty_pool
+from arm_brachy.experiments.diagnosis_score import MESH, explanations, holds
+from arm_brachy.experiments.gel_block.bodies import load_rays, solve_all
+from arm_brachy.experiments.gel_block.cases import CASES
+from arm_brachy.experiments.gel_block.recorder import (
+    FORCES,
+    OPTICAL,
+    Recorder,
+    lateness,
+    write_recording,
+)
+from arm_brachy.experiments.gel_block.scene import write_scene
+from arm_brachy.recording.import_csv import import_csv
+
+NAME = 'gel-block'
+SEED = 0
+STREAMS = {'optical': 'mm', 'em': 'mm', 'force': 'N'}
+ERRORS = ('as_given', 'recalibrated', 'with_the_causes', 'noise_floor')
+DEVICE = {'optical': OPTICAL, 'force': FORCES}      # of a stream as a clock_offset calls it
+
+
+def reproduce(out_dir, folder=None, cases=CASES):
+    """Solve, record, import and diagnose every case; write gel-block.json into `out_dir`.
+
+    folder : keeps states/, recordings/ (CSV), answers/ (JSON and a page each); default gel-block/
+        among the runs;  cases : cases.Case each
+    Returns evaluation.result.Result, a row per case. No goals are set. Raises NotConverged if a
+    state of the block cannot be solved.
+    """
+    folder = run_dir() / NAME if folder is None else Path(folder)
+    solve_all(folder / 'states', {case.body for case in cases})
+    (folder / 'answers').mkdir(exist_ok=True)
+    lacking = [case for case in cases if not _answer_file(folder, case).is_file()]
+    with hasty_pool(len(lacking)) as pool:
+        for case, _ in zip(lacking, pool.map(answer_one, lacking, repeat(folder)), strict=True):
+            print(f'{NAME}: {case.name}', file=sys.stderr, flush=True)
+    rows = tuple(row(case, json.loads(_answer_file(folder, case).read_text(encoding='utf-8')))
+                 for case in cases)
+    result = Result(NAME, SEED, commit_of(share_dir()), str(machine_description()), rows)
+    result.to_json(Path(out_dir) / f'{NAME}.json')
+    return result
+
+
+def _answer_file(folder, case):
+    return folder / 'answers' / f'{case.name}.json'
+
+
+def record(case, folder):
+    """Write the scene file and the CSV files of a case; returns (scene, column map), paths."""
+    place = folder / 'recordings' / case.name
+    recorder = Recorder(load_rays(folder / 'states', case.body), case.setup, SEED, case.name)
+    columns = write_recording(recorder.record(), place, case.name)
+    write_scene(place / 'scene.yaml', poor=case.setup.poor)
+    return place / 'scene.yaml', columns
+
+
+def answer_one(case, folder):
+    """Record and diagnose a case whose states are in `folder`; leaves its answer there.
+
+    The file holds {'cpu_s', 'answer'}: CPU time of the diagnosis, and it as JSON or {'error'}.
+    """
+    scene, columns = record(case, folder)
+    path = _answer_file(folder, case)
+    with tempfile.TemporaryDirectory() as scratch:
+        import_csv(columns, Path(scratch) / case.name)
+        start = time.process_time()
+        try:
+            answer = _diagnosed(Path(scratch) / case.name, scene, path.with_suffix('.html'))
+        except ArmBrachyError as error:
+            answer = {'error': str(error)}
+    part = path.with_suffix('.part')
+    part.write_text(json.dumps({'cpu_s': time.process_time() - start, 'answer': answer}),
+                    encoding='utf-8')
+    os.replace(part, path)
+
+
+def _diagnosed(bag, scene, page):
+    """The answer as JSON holds it; its page is written to `page`."""
+    source = Provenance(bag.name, SEED, commit_of(share_dir()), str(machine_description()),
+                        scene.name, ())
+    answer = diagnose(load_evidence((bag,), load_scene(scene)), source)
+    write_diagnosis(answer.diagnosis, answer.shown, page)
+    return json.loads(answer.diagnosis.to_json())
+
+
+def row(case, line):
+    """One row of the table, flat, from a Case and what `answer_one` left; None = not said."""
+    answer = line['answer']
+    cause = _cause(case, answer)
+    return {'case': case.name, 'planted': case.term or '-', 'right': right(case, answer),
+            'verdict': answer.get('verdict', 'none'), 'said': _said(answer),
+            'place_right': None if cause is None or not case.place
+            else cause['applies_to'] == case.place,
+            **_parameter(truth(case), cause), **_modulus(case, answer), **_errors(answer),
+            'cpu_s': line['cpu_s']}
+
+
+def right(case, answer):
+    """Whether an answer (as JSON) says what was planted in a Case, see the head of this file."""
+    verdict = answer.get('verdict')
+    if case.term is None:
+        return verdict == 'nothing_missing'
+    return verdict in ('named', 'equivalent') and _leading(answer) == {case.term}
+
+
+def _leading(answer):
+    """Terms that hold if the most probable option does, but for a mesh at fault."""
+    causes = answer['causes']
+    best = max((c for c in causes if c['option']), key=lambda c: c['probability'],
+               default={'option': 0})['option']
+    return {c['term'] for c in causes if c['option'] in (0, best)} - {MESH}
+
+
+def _said(answer):
+    if 'error' in answer:
+        return answer['error']
+    return ' or '.join(' + '.join(map(spoken, sorted(one))) for one in explanations(answer) if one)
+
+
+def _cause(case, answer):
+    return max((c for c in answer.get('causes', ()) if c['term'] == case.term),
+               key=lambda c: c['probability'], default=None)
+
+
+def truth(case):
+    """Parameters that an answer to a Case should find; a delay includes what the clock is off."""
+    if case.term != 'clock_offset':
+        return case.truth
+    late = lateness(case.setup, SEED, case.name)[DEVICE[case.place['stream']]]
+    return {'delay_ms': 1e3 * late}
+
+
+def _parameter(true, cause):
+    """The first of the parameters, of a vector the largest component; all intervals."""
+    out = dict.fromkeys(('parameter', 'true', 'found', 'low', 'high', 'intervals_hold'))
+    if not true:
+        return out
+    key, value = next(iter(true.items()))
+    axis = int(np.argmax(np.abs(value)))
+    out |= {'parameter': key + (' ' + 'xyz'[axis] if np.ndim(value) else ''),
+            'true': float(np.atleast_1d(value)[axis])}
+    if cause is None:
+        return out
+    told = cause['parameters']
+    found = {name: _component(told[key], end, axis)
+             for name, end in (('found', 0), ('low', 1), ('high', 2))} if key in told else {}
+    return out | found | {'intervals_hold': all(
+        name in told and holds(told[name]['interval_90'], value) for name, value in true.items())}
+
+
+def _component(told, end, axis):
+    """Value (0), lower (1) or upper end (2) of an estimate; an end that is not known is None."""
+    value = (told['value'], *told['interval_90'])[end]
+    return value[axis] if isinstance(value, list) else value
+
+
+def _modulus(case, answer):
+    told = answer.get('recalibrated', {}).get('E_kPa')
+    low, high = (None, None) if told is None else told['interval_90']
+    return {'E_true_kPa': case.modulus_kPa, 'E_kPa': None if told is None else told['value'],
+            'E_low_kPa': low, 'E_high_kPa': high}
+
+
+def _errors(answer):
+    """Root mean square errors per axis held out, of all streams: absent ones are None."""
+    fits = {fit['stream']: fit for fit in answer.get('fit', ())}
+    return {f'{stream}_{which}_{unit}': fits.get(stream, {}).get(which)
+            for stream, unit in STREAMS.items() for which in ERRORS}
+
+
+def markdown(body):
+    """The README's table of a Result as mapping; errors: recalibrated, with the causes, noise."""
+    lines = ['| case | planted | said | right | planted, found (90 %) | modulus / kPa: planted, '
+             'found (90 %) | optical / mm | force / N | CPU s |',
+             '|---|---|---|---|---|---|---|---|---|']
+    for one in body['rows']:
+        said = f'`{one["verdict"]}`' + (f': {one["said"]}' if one['said'] else '')
+        sized = '-' if one['parameter'] is None else (
+            f'`{one["parameter"]}` {one["true"]:.3g}, '
+            + _interval(one['found'], one['low'], one['high']))
+        modulus = f'{one["E_true_kPa"]:.3g}, ' + _interval(one['E_kPa'], one['E_low_kPa'],
+                                                           one['E_high_kPa'])
+        cells = (one['case'], '-' if one['planted'] == '-' else f'`{one["planted"]}`', said,
+                 'yes' if one['right'] else '**no**', sized, modulus,
+                 _three(one, 'optical'), _three(one, 'force'), f'{one["cpu_s"]:.0f}')
+        lines.append('| ' + ' | '.join(cells) + ' |')
+    return '\n'.join(lines)
+
+
+def _interval(value, low, high):
+    return '-' if value is None else (f'{value:.3g} ({_number(low, ".3g")} to '
+                                      f'{_number(high, ".3g")})')
+
+
+def _three(one, stream):
+    unit = STREAMS[stream]
+    return ', '.join(_number(one[f'{stream}_{which}_{unit}'], '.3f') for which in ERRORS[1:])
+
+
+def _number(value, form):
+    return '-' if value is None else f'{value:{form}}'
