@@ -102,7 +102,9 @@ class Candidate:
     mean, sd : (p,) of its parameters, in prior standard deviations
     paid : per explanation, what its choice among the variants of its cause costs in evidence
     separation : from the cause that was accepted [sd]; inf for itself
-    weighed : True if the evidence is that of a full fit
+    fit : log density of the data and its numbers at their best, over no cause: evidence but for
+        the volumes, which favour causes of few numbers where the data cannot tell
+    weighed : True if evidence and fit are those of a full fit
     """
 
     explanations: tuple
@@ -112,6 +114,7 @@ class Candidate:
     sd: np.ndarray
     paid: tuple = (0.0,)
     separation: float = np.inf
+    fit: float = 0.0
     weighed: bool = False
 
     @property
@@ -192,7 +195,7 @@ class Judge:
     check : Candidate -> adequacy.Scan of what it leaves, where the answer to a cause as large as
         that is no longer linear; None = by the columns of the problem
     gone : Candidate -> True if nothing is left of it where its answer is not linear; None = never
-    weigh : Candidate -> evidence that a full fit gains over its response, None where it does not
+    weigh : Candidate -> laplace.Gain of its full fit over its response, None where it does not
         settle; None = nothing is weighed
     """
 
@@ -305,7 +308,8 @@ class Judge:
     def _weighed(self, one):
         """A Candidate with the evidence of its full fit, as it is where that does not settle."""
         more = self._weigh(one)
-        return one if more is None else replace(one, evidence=one.evidence + more, weighed=True)
+        return one if more is None else replace(one, evidence=one.evidence + more.evidence,
+                                                fit=one.fit + more.fit, weighed=True)
 
     def _pair_beyond(self, tried, ranked):
         """The pair that stands out from the single cause `tried` (None = none); None if none does.
@@ -348,7 +352,7 @@ class Judge:
         gain = self._all.gain(columns)
         held_out = sum(gain - without.gain(columns) for without in self._without)
         return Candidate(explanations, gain + sum(paid), float(held_out), covariance @ a,
-                         np.sqrt(np.diag(covariance)), paid)
+                         np.sqrt(np.diag(covariance)), paid, fit=0.5 * float(a @ covariance @ a))
 
     def _scan(self, explanations):
         U = np.hstack([self.problem.U, *(e.columns for e in explanations)])
@@ -357,6 +361,7 @@ class Judge:
     def _equals(self, accepted, ranked):
         """Candidates that are not told from the accepted one, each cause at its best variant.
 
+        Full fits tell causes whose responses are alike only where they fit worse.
         Of a pair also those in which another cause has the place of either.
         """
         kept = [None]
@@ -371,7 +376,8 @@ class Judge:
                 rival = one if rest is None else self._best(one.causes[0], (rest,))
                 apart = self._apart(accepted, rival)
                 close = accepted.evidence - rival.evidence < self.rules.rival
-                told = accepted.weighed and rival.weighed and not close
+                told = accepted.weighed and rival.weighed and (
+                    accepted.fit - rival.fit >= self.rules.rival)
                 alike = apart < self.rules.apart and not told or close and self._claims(
                     rival, over=rest)
                 if alike and not self._gone(rival):

@@ -54,9 +54,7 @@ class FullFits:
         return self._scan(np.hstack([U, errors]), left, tests, np.concatenate(sizes))
 
     def gain(self, candidate):
-        """Evidence that the full fit of a decide.Candidate gains over its response; None if it did
-        not settle.
-        """
+        """laplace.Gain of the full fit of a decide.Candidate; None if it did not settle."""
         return gain_over_response(self._assembly, candidate, self.of(candidate))
 
     def gone(self, candidate):

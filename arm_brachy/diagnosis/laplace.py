@@ -8,14 +8,27 @@ the other: the determinants of both count.
 Test: diagnosis/theorems/test_full_evidence.py
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.linalg import cho_solve, cholesky
 
 from arm_brachy.diagnosis.fitted import data_of, without_modulus
 
 
+@dataclass(frozen=True)
+class Gain:
+    """What a full fit gains over the linear answer at the same states, natural logarithms.
+
+    evidence : of the cause;  fit : of the density of the data and the numbers at their best alone
+    """
+
+    evidence: float
+    fit: float
+
+
 def gain_over_response(assembly, candidate, found):
-    """Evidence (natural logarithm) that a full fit gains over the linear answer; None without fit.
+    """The Gain of a full fit; None without fit.
 
     assembly : assembly.Assembly;  candidate : decide.Candidate;  found : its fitted.Fitted
     A place that is fitted pays by the volume that it leaves, and no more by the number of places
@@ -23,7 +36,7 @@ def gain_over_response(assembly, candidate, found):
     """
     if found.refit is None:
         return None
-    full = 0.5 * np.linalg.slogdet(found.refit.covariance)[1] - found.refit.after
+    fit, volumes = -found.refit.after, 0.5 * np.linalg.slogdet(found.refit.covariance)[1]
     slope, curvature, responses = 0.0, 0.0, [
         assembly.hypothesis_of(e)[1] for e in candidate.explanations]
     for i, (m, kept, back) in enumerate(zip(assembly.matched, found.kept, found.back,
@@ -34,12 +47,13 @@ def gain_over_response(assembly, candidate, found):
                                                 in one[i].per_prior().items()})
                        for one in responses])
         weighted, volume = _weighted(data.U, np.column_stack([X, r]))
-        full += 0.5 * r @ weighted[:, -1] + volume - _weighted(
-            np.hstack([fitted.U, back]), r[:, None])[1]
+        fit += 0.5 * r @ weighted[:, -1]
+        volumes += volume - _weighted(np.hstack([fitted.U, back]), r[:, None])[1]
         slope, curvature = slope + X.T @ weighted[:, -1], curvature + X.T @ weighted[:, :-1]
     factor = np.eye(len(slope)) + curvature
-    linear = 0.5 * slope @ np.linalg.solve(factor, slope) - 0.5 * np.linalg.slogdet(factor)[1]
-    return float(full - linear - _paid_for_places(candidate, found))
+    fit -= 0.5 * slope @ np.linalg.solve(factor, slope)
+    volumes += 0.5 * np.linalg.slogdet(factor)[1] - _paid_for_places(candidate, found)
+    return Gain(float(fit + volumes), float(fit))
 
 
 def _weighted(U, X):

@@ -7,6 +7,7 @@ import pytest
 
 from arm_brachy.diagnosis.adequacy import per_channel
 from arm_brachy.diagnosis.decide import Explanation, Judge, Problem
+from arm_brachy.diagnosis.laplace import Gain
 
 CHANNELS, STATES, CAUSES = 12, 30, 8
 
@@ -188,16 +189,25 @@ def test_a_full_fit_that_gains_more_goes_before_a_better_response(world):
     """Two are alike by their responses: the one whose full fit gains less is told from it."""
     like = Explanation('like', '', 2.5 * world.responses[2][:, None])
     for favourite in ('like', 'cause_2'):
-        decision = world.decide(world.responses[2], like, weigh=lambda one, best=favourite: (
-            30.0 * (one.causes == (best,))))
+        decision = world.decide(world.responses[2], like, weigh=lambda one, best=favourite: Gain(
+            *2 * [30.0 * (one.causes == (best,))]))
         assert decision.verdict == 'named' and decision.accepted.causes == (favourite,)
         assert decision.accepted.weighed
 
 
 def test_full_fits_that_do_not_differ_or_settle_leave_a_class(world):
     like = Explanation('like', '', 2.5 * world.responses[2][:, None])
-    for weigh in (lambda one: 7.0, lambda one: None):
+    for weigh in (lambda one: Gain(7.0, 7.0), lambda one: None):
         assert world.decide(world.responses[2], like, weigh=weigh).verdict == 'equivalent'
+
+
+def test_what_has_fewer_numbers_is_not_told_by_that_from_what_fits_as_well(world):
+    """A lost step is one number, a slip of the marker that shows it three: both stay open."""
+    like = Explanation('like', '', 2.5 * world.responses[2][:, None])
+    decision = world.decide(world.responses[2], like, weigh=lambda one: Gain(
+        12.0 * (one.causes == ('like',)), 0.0))
+    assert decision.verdict == 'equivalent' and decision.accepted.causes == ('like',)
+    assert [one.causes for one in decision.equals] == [('cause_2',)]
 
 
 def test_only_what_promises_something_is_weighed():

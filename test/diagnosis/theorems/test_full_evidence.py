@@ -18,7 +18,8 @@ def weighed(matched, hypothesis):
     response = respond(matched.baseline, hypothesis)
     assembly = assemble([matched], Tried((hypothesis,), ((response,),)))
     one, = Judge(assembly.problem, np.random.default_rng(1)).singles()
-    return one.evidence, FullFits(assembly, np.random.default_rng(2), Accuracy()).gain(one)
+    fits = FullFits(assembly, np.random.default_rng(2), Accuracy())
+    return one.evidence, fits.gain(one).evidence
 
 
 def test_a_gain_of_a_sensor_is_linear_and_gains_nothing(breast, once, cause):
