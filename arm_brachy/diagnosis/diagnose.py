@@ -102,7 +102,8 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     judgement = judged(matched, tests, tried, len(null), provenance.seed, accuracy,
                        ensemble.limit)
     provenance = replace(provenance, recordings=_recordings(looked, tested, sound))
-    request = asked(judgement.assembly, judgement.decision, ensemble, calibration)
+    left = ensemble.limit.left if judgement.at_limit else ensemble
+    request = asked(judgement.assembly, judgement.decision, left, calibration)
     return _answer(judgement, found, looked, provenance, ratio, left_out, request)
 
 

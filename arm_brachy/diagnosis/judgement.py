@@ -19,7 +19,7 @@ from arm_brachy.diagnosis.mesh_limit import said as said_of_limit
 @dataclass(frozen=True)
 class Judgement:
     """assembly, fits, decision : what was decided, on what;  tests : Matched, held out
-
+    at_limit : True if the model was taken to the limit of finer elements
     fault : MeshFault, None where the mesh is good enough;  notes : sentences
     """
 
@@ -29,6 +29,7 @@ class Judgement:
     tests: tuple
     fault: MeshFault | None
     notes: tuple
+    at_limit: bool = False
 
 
 def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
@@ -66,4 +67,4 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
             every.louder(factors)
         assembly, fits, one = judge()
         decision, notes = one.decide(), (*notes, *said(factors))
-    return Judgement(assembly, fits, decision, tuple(tests), fault, notes)
+    return Judgement(assembly, fits, decision, tuple(tests), fault, notes, finer is not None)

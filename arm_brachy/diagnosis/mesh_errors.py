@@ -67,7 +67,7 @@ class EnsembleOptions:
                                '19 pads, 0.1 to 0.35 from pad to pad')
     limit_forces: float = quantity(1.0, '', 'times the deviations of forces within the ensemble, '
                                    'where the limit holds', low=0.0, high=100.0,
-                                   source='own choice: 14 recordings of another code on finer '
+                                   source='own choice: 13 recordings of another code on finer '
                                    'elements are 10 to 30 nats likelier by the limit so; '
                                    'positions at single points may be off by more')
 

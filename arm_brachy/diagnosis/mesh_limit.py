@@ -36,8 +36,8 @@ def said(matched):
     """A sentence on what the limit adds to Matched recordings at it."""
     moved = max(np.linalg.norm(values, axis=2).max(initial=0.0) for m in matched
                 for kind, values in m.finer.items() if kind != FORCE)
-    pushed = [np.linalg.norm(some[FORCE], axis=2).max() for m in matched
-              for some in (m.finer, m.baseline.shown) if some[FORCE].size]
-    forces = f' and forces by {100 * max(pushed[::2]) / max(pushed[1::2]):.1f} %' if pushed else ''
+    added, whole = (max(np.linalg.norm(one[FORCE], axis=2).max(initial=0.0) for one in some)
+                    for some in ([m.finer for m in matched], [m.baseline.shown for m in matched]))
+    forces = f' and forces by {100 * added / whole:.1f} %' if whole else ''
     return (f'Finer elements would move points by {1e3 * moved:.3f} mm at most{forces}; the '
             'recordings bear that out, and are compared with it added to the model.')

@@ -1,8 +1,9 @@
 """What could be known from a case at best: Fisher's analysis on noise-free signals.
 
 e is the whitened effect, clean(with) - clean(without); B what nobody calibrates away, a column per
-nuisance times its prior standard deviation: those that the generator draws, and all that
-`finding.Calibration` lets a careful laboratory leave. With M = (1 + B B^T)^-1, by Woodbury,
+nuisance times its prior standard deviation: those that the generator draws, and what
+`finding.Calibration` lets a careful laboratory leave (`signals.Sight.tolerances`).
+With M = (1 + B B^T)^-1, by Woodbury,
 
     detectability^2 = e^T M e,    separation^2 = e^T M e - (e^T M r)^2 / (r^T M r)
 

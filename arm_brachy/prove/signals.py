@@ -26,7 +26,7 @@ MEMORY = 0.3                # s, of the coloured part of the sensors' noise
 # Prior standard deviations of what every set-up has (generator.nuisance).
 MODULUS, TOUCH, TURN, SLIDE = 0.15 / np.sqrt(3), 2e-4, np.deg2rad(0.3) / np.sqrt(3), 3e-4 / 3**0.5
 EM_ZERO, FORCE_ZERO, CLOCK = 2e-4 / np.sqrt(3), 0.03, 2e-3 / np.sqrt(3)
-# Where markers are glued is known to this per axis; a recording of the sound set-up shows it.
+# What a careful laboratory leaves, places of markers among it; a sound recording shows most of it.
 CALIBRATION = Calibration()
 STREAMS = ('forces', 'optical', 'em', 'encoders')
 # What an actuator may be off by.
@@ -104,7 +104,8 @@ class Sight:
         """Whitened columns (n, k) of what a careful laboratory leaves and this generator does not.
 
         One tolerance of `finding.Calibration` each: nobody who answers can know that all of these
-        happen to be perfect here. mode : as of `nuisances`
+        happen to be perfect here. Directions of pushes and the base are left out.
+        mode : as of `nuisances`
         """
         case = self._cases[job.name]
         null = self._null(case)
