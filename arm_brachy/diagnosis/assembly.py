@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from arm_brachy.diagnosis.decide import Explanation, Problem
-from arm_brachy.diagnosis.motion import TOUCH
+from arm_brachy.diagnosis.structured_tests import structured_tests
 
 PART = 0.2      # of the deepest, for a push to count; wobble at rest reaches some hundredths
 
@@ -15,7 +15,7 @@ PART = 0.2      # of the deepest, for a push to count; wobble at rest reaches so
 class Assembly:
     """matched : Matched each;  tried : hypotheses.Tried;  problem : decide.Problem
 
-    tests : (channel, feature) of every column of its structured tests
+    tests : label of every column of its structured tests
     names : of the columns of its U;  sound : how many of the last recordings lack nothing
     """
 
@@ -41,7 +41,7 @@ def assemble(matched, tried, sound=0):
     acts = np.concatenate([np.full(len(m.r), float(i < len(matched) - sound))
                            for i, m in enumerate(matched)])
     U, names = stacked_nuisances(matched)
-    tests, labels = structured_tests([(m.observables, features_of(m)) for m in matched])
+    tests, labels = structured_tests(matched)
     columns = (acts[:, None] * np.vstack([m.observables.whiten(r.per_prior())
                                           for m, r in zip(matched, responses, strict=True)])
                for responses in tried.responses)
@@ -94,43 +94,3 @@ def stacked_nuisances(matched):
     names += [n for n, own in zip(matched[0].nuisances.names, matched[0].own, strict=True)
               if not own]
     return np.hstack([own, shared]), tuple(names)
-
-
-def structured_tests(parts):
-    """Columns (N, m) of every feature in every channel, and what each is.
-
-    parts : (Observables, features of its states: name -> (n,)) of each recording
-    """
-    channels = list(dict.fromkeys((row.kind, row.channel, row.axis)
-                                  for observables, _ in parts for row in observables.rows))
-    names = list(dict.fromkeys(name for _, features in parts for name in features))
-    of_row = np.array([channels.index((row.kind, row.channel, row.axis))
-                       for observables, _ in parts for row in observables.rows])
-    columns = np.zeros((len(of_row), len(channels) * len(names)))
-    for j, name in enumerate(names):
-        whole = np.concatenate([observables.whiten_feature(features[name]) if name in features
-                                else np.zeros(len(observables.rows))
-                                for observables, features in parts])
-        columns[np.arange(len(of_row)), of_row * len(names) + j] = whole
-    labels = tuple((channel, name) for channel in channels for name in names)
-    alive = np.ptp(columns, axis=0) > 0.0
-    return columns[:, alive], tuple(x for x, keep in zip(labels, alive, strict=True) if keep)
-
-
-def features_of(m):
-    """Name -> (n,) what a missed effect may follow, each within -1 to 1."""
-    states, labels = m.recorded.states, m.recorded.states.labels
-    depth = states.q / max(np.abs(states.q).max(), 1e-9)
-    deepest = depth.max(axis=1)
-    span = states.t - states.t[0]
-    speed = np.where(labels.direction != 0, labels.speed, 0.0)
-    out = {'constant': np.ones(len(span)), 'time': span / max(span[-1], 1e-9),
-           'direction': labels.direction * deepest, 'past_maximum': labels.past_maximum * deepest,
-           'rate': deepest * speed / max(speed.max(initial=0.0), 1e-9),
-           'hold': np.where(labels.direction == 0, deepest, 0.0) * np.exp(-labels.since),
-           'rest': np.where(deepest < 0.02, np.exp(-labels.since), 0.0)}
-    for i, column in enumerate(depth.T):
-        if np.ptp(states.q[:, i]) > TOUCH:
-            out[f'depth {i}'] = column
-            out[f'depth^2 {i}'] = column**2
-    return out

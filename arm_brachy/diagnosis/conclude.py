@@ -11,9 +11,10 @@ from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.inference import detectability, posterior
 from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.occasion import intervals, shown_in
+from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.statements import Alternative, Nearest
 from arm_brachy.diagnosis.stream import OPTICAL
-from arm_brachy.diagnosis.whereabouts import CENTRES, channel_place, marker_place, place_of
+from arm_brachy.diagnosis.whereabouts import CENTRES, marker_place, place_of, test_places
 
 VISIBLE = 3.0       # standard deviations that an effect of typical size must make to be seen
 MOST = 12           # alternatives that are told
@@ -127,7 +128,7 @@ def left_over(assembly, explanations, *, mesh=False):
 
 def unexplained(assembly, worst, left):
     """(places, intervals) of what is left (N,); worst : number of the test that stands out."""
-    where, weights = [channel_place(assembly.tests[worst])], {}
+    where, weights = test_places(assembly.tests[worst]), {}
     for m, rows in split_rows(assembly, left):
         for row, value in zip(m.observables.rows, rows, strict=True):
             if row.kind == OPTICAL:
@@ -136,6 +137,11 @@ def unexplained(assembly, worst, left):
     when = [one for m, rows in split_rows(assembly, left)
             for one in intervals(m, shown_in(m, rows))]
     return (*where, *([] if around is None else [around])), tuple(when)
+
+
+def said_of(label):
+    """Sentences on a structured test that stands out, by its label, beside its place; a tuple."""
+    return (label.said,) if isinstance(label, Past) else ()
 
 
 def alternatives_of(assembly, decision, named=()):

@@ -167,6 +167,7 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request):
     elif decision.verdict == 'unexplained' and fault is None:
         places, times = conclude.unexplained(assembly, decision.before.worst, left)
         where, when = [*places, *where], [*times, *when]
+        notes += conclude.said_of(assembly.tests[decision.before.worst])
     verdict = _verdict(decision.verdict, causes, fault, found.nameless)
     if verdict == 'unexplained':
         where += [place_of(finding, scene) for finding, _ in found.nameless]

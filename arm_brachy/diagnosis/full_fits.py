@@ -6,12 +6,12 @@ Test: diagnosis/test_full_fits.py
 import numpy as np
 
 from arm_brachy.diagnosis.adequacy import scan
-from arm_brachy.diagnosis.assembly import features_of, structured_tests
 from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
 from arm_brachy.diagnosis.held_out import stacked
 from arm_brachy.diagnosis.laplace import gain_over_response
 from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue
 from arm_brachy.diagnosis.model_error import Accuracy
+from arm_brachy.diagnosis.structured_tests import structured_tests
 
 
 class FullFits:
@@ -38,17 +38,15 @@ class FullFits:
         if found.refit is None:
             return self._linear(candidate)
         parts = parts_of(self._assembly, found, 1.0)
-        tests, _ = structured_tests([
-            (part.observables, {name: values[kept] for name, values in features_of(m).items()})
-            for part, m, kept in zip(parts, self._assembly.matched, found.kept, strict=False)])
+        matched = self._assembly.matched[:len(parts)]
+        tests, _ = structured_tests(matched, [
+            (part.observables, kept) for part, kept in zip(parts, found.kept, strict=True)])
         law = law_of(found.hypotheses, self._law)
         sizes = [law * (part.r - part.of_mesh - residual) * of_tissue(
             part.observables, m.baseline.model.specimen)
-            for part, residual, m in zip(parts, found.refit.residual, self._assembly.matched,
-                                         strict=False)]
+            for part, residual, m in zip(parts, found.refit.residual, matched, strict=True)]
         U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts])])
-        pushes = [pushes_of(m)[kept] for m, kept in
-                  zip(self._assembly.matched, found.kept, strict=False)]
+        pushes = [pushes_of(m)[kept] for m, kept in zip(matched, found.kept, strict=True)]
         errors = law_errors([part.observables for part in parts], pushes, sizes)
         left = np.concatenate([part.named - part.of_mesh for part in parts])
         return self._scan(np.hstack([U, errors]), left, tests, np.concatenate(sizes))

@@ -12,6 +12,7 @@ from arm_brachy.diagnosis.regression import regress
 from arm_brachy.diagnosis.stream import BASE, EM, FORCE, OPTICAL, TISSUE
 
 FEWEST = 100    # samples of a channel
+KINKS = 24      # times at which something slow may set in
 # Of a channel's motion or force: what the regressors may miss of an honest tissue.
 BEND = {OPTICAL: 0.01, EM: 0.01, FORCE: 0.02}
 
@@ -61,6 +62,19 @@ def _jumps(stream, noise, k, columns, alarm):
     colour, sd = residual_colour(stream.t, fit.residual, valid, noise.colour, noise.sd[k].mean())
     nuisance = np.stack([c for name, c in columns.items() if name != '1'], axis=1)
     slack = BEND[stream.kind] * float(np.ptp((y - fit.residual)[valid], axis=0).max())
+    found = steps(stream.t, y, valid, colour, sd, nuisance, alarm=alarm)
+    if found:   # what sets in and goes on is a step from afar: not one that a kink does away with
+        ramp = _kink(stream.t, y, columns, valid, colour, sd)
+        found = steps(stream.t, y, valid, colour, sd, np.column_stack([nuisance, ramp]),
+                      alarm=alarm)
     return [Jump(stream.kind, stream.names[k], stream.bodies[k], step,
-                 sigma(step.size, step.sd, slack))
-            for step in steps(stream.t, y, valid, colour, sd, nuisance, alarm=alarm)]
+                 sigma(step.size, step.sd, slack)) for step in found]
+
+
+def _kink(t, y, columns, valid, colour, sd):
+    """(n,) of the ramps that begin at KINKS even times the one that explains most of y (n, 3)."""
+    begins = np.linspace(t[0], t[-1], KINKS + 2)[1:-1, None]
+    ramps = np.maximum(t - begins, 0.0) / (t[-1] - begins)
+    left = [regress(t, y, {**columns, 'kink': ramp}, valid, colour, sd).chi2.sum()
+            for ramp in ramps]
+    return ramps[int(np.argmin(left))]

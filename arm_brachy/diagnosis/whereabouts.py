@@ -4,6 +4,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from arm_brachy.core.term import Kind
+from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.statements import Place
 
 SHARE = 0.9
@@ -49,10 +50,18 @@ def radius_of(covariance):
     return float(np.sqrt(max(widest, 0.0) * chi2.ppf(SHARE, 3)))
 
 
-def channel_place(label):
-    """Place of a structured test ((kind, channel, axis), feature) that stands out."""
-    (kind, channel, _), _ = label
-    return Place(stream=kind, channel=channel)
+def test_places(label):
+    """statements.Place of a structured test that stands out, by its label; a tuple.
+
+    Of a history also the pad whose pushes it is of, if that is another place.
+    """
+    if not isinstance(label, Past):
+        (kind, channel, _), _ = label
+        return (Place(stream=kind, channel=channel),)
+    pads = tuple(Place(actuator=name) for name in dict.fromkeys((label.moved, label.pad)) if name)
+    if label.centre is None:
+        return pads
+    return (Place(position=label.centre, radius=label.radius), *pads)
 
 
 def marker_place(scene, weights):

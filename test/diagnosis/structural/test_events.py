@@ -71,6 +71,18 @@ def test_a_touch_moves_some_markers_and_lets_go(happened):
     assert all(f.term is None and 'external_force' in f.rivals for f in found)
 
 
+@pytest.mark.parametrize(('onset', 'rate'), [(9.0, 1e-5), (12.0, 4e-5), (15.0, 8e-5)])
+def test_what_sets_in_and_goes_on_is_no_step(happened, onset, rate):
+    """Tissue swells from `onset` [s] on, by `rate` [m/s] at markers and targets."""
+    def swell(t, names, points):
+        soft = np.array([not name.startswith(('pad', 'base')) for name in names])
+        outward = points / np.linalg.norm(points, axis=1, keepdims=True)
+        return points + rate * max(t - onset, 0.0) * soft[:, None] * outward
+
+    assert not any(found.term == 'marker_slip' or 'jump' in found.statement
+                   for found in happened(disturb=swell))
+
+
 def test_a_tenth_of_the_typical_size_is_named_rightly_or_not_at_all(happened):
     for entry in ({'name': 'lost_steps', 'shortfall_mm': 0.06, 'onset_s': ONSET,
                    'actuators': [2]},

@@ -1,0 +1,127 @@
+"""Tests over all channels at once: has the tissue somewhere, or a pad, a past?
+
+What a law or a mesh has wrong depends on where the pads are now. What depends besides on what they
+did before comes of neither: fluid that is squeezed out, a gap that opens under a pad, a drive that
+warms, a vessel that stays shut. A channel alone shows little of that. So all of them are held
+against what they would show if, in proportion to what a history of the pushes has left, the tissue
+of a region were stiffer, or a pad went elsewhere.
+Test: diagnosis/theorems/test_pasts.py
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from arm_brachy.diagnosis.candidates import interior_places
+from arm_brachy.diagnosis.history import POWERS, memories, moving, play
+from arm_brachy.diagnosis.motion import TOUCH
+from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
+
+REGIONS = 12                # of tissue, of about equal volume
+MEMORIES = (2.0, 6.0, 20.0)     # s: slower than a push, faster than a recording
+LOST = 0.25                 # of the largest push, for a hysteresis of about its size
+WITHIN = 90.0               # per cent of a region's elements that its radius holds
+
+
+@dataclass(frozen=True)
+class Past:
+    """What a pooled test looks for: something that goes with a history of the pushes.
+
+    history : which;  pad : name of the pad whose pushes that is of, '' = of time
+    moved : name of the pad that would go elsewhere, '' = tissue of a region would be stiffer, with
+    centre : (3,) [m] its middle at rest;  radius : [m] around that, of most of it
+    """
+
+    history: str
+    pad: str = ''
+    moved: str = ''
+    centre: tuple | None = None
+    radius: float | None = None
+
+    @property
+    def said(self):
+        """A sentence on what stands out if this does."""
+        goes = f'a {self.history} of the pushes of {self.pad}' if self.pad else 'time'
+        where = f'how far {self.moved} takes the tissue' if self.moved else 'how stiff it is there'
+        return (f'What stands out goes with {goes}, as if {where} depended on it: not a matter of '
+                'where the pads are alone, as a law or a mesh would be.')
+
+
+def pooled_tests(matched, parts):
+    """Columns (N, m), whitened, and the Past of each; arguments as of `structured_tests`.
+
+    No regions where a model has a memory of its own: its stresses are not linear in the moduli.
+    """
+    pads, pasts = matched[0].baseline.model.specimen.pads, [_histories(m) for m in matched]
+    names = list(dict.fromkeys(name for past in pasts for name in past))
+    columns, labels = [np.zeros((sum(len(o.rows) for o, _ in parts), 0))], []
+    for where, effects in (*_pads_moved(matched), *_regions_stiffer(matched)):
+        columns.append(np.vstack([
+            _in_proportion(effect, past, names, *part)
+            for effect, past, part in zip(effects, pasts, parts, strict=True)]))
+        labels += [Past(history, pads[pad] if pad >= 0 else '', **where)
+                   for history, pad in names]
+    return np.hstack(columns), tuple(labels)
+
+
+def _histories(m):
+    """(history, index of the pad or -1) -> (n,) at the states of a Matched, of order one.
+
+    Of a pad's, what is not a smooth function of where it is now: that a law may have wrong.
+    """
+    states = m.recorded.states
+    t, q = states.path_t, states.path_q
+    out = {('time', -1): (states.t - t[0]) / max(t[-1] - t[0], 1e-9)}
+    for i in moving(q, TOUCH).tolist():
+        push = q[:, i] / np.abs(q[:, i]).max()
+        past = {f'memory of {time:g} s': memories(states.t, t, push[:, None], time)[:, 0]
+                for time in MEMORIES}
+        past['hysteresis'] = play(push, LOST)[states.state]
+        past['maximum'] = np.maximum.accumulate(push)[states.state]
+        now = push[states.state][:, None] ** np.arange(POWERS[-1] + 1)
+        for name, values in past.items():
+            out[name, i] = values - now @ np.linalg.lstsq(now, values, rcond=None)[0]
+    return out
+
+
+def _in_proportion(effect, past, names, observables, kept):
+    """Columns (N, len(names)) of an effect kind -> (n, c, 3) that goes with each history."""
+    nothing = np.zeros(len(next(iter(effect.values()))))
+    shares = np.stack([past.get(name, nothing) for name in names], axis=1)[kept]
+    return observables.whiten({kind: values[kept][..., None] * shares[:, None, None, :]
+                               for kind, values in effect.items()})
+
+
+def _pads_moved(matched):
+    """(where, effect kind -> (n, c, 3) of each Matched) of every pad, along its push."""
+    for i, name in enumerate(matched[0].baseline.model.specimen.pads):
+        yield {'moved': name}, [_stacked(
+            [m.baseline.pads_moved(k, np.eye(m.recorded.states.q.shape[1])[i])
+             for k in range(len(m.baseline.t))]) for m in matched]
+
+
+def _regions_stiffer(matched):
+    """The same of every region of tissue, by the logarithm of its modulus."""
+    if any(m.baseline.by_modulus is None for m in matched):
+        return
+    mesh = matched[0].baseline.model.specimen.mesh
+    middles = mesh.nodes[mesh.tets].mean(axis=1)
+    centres = interior_places(mesh, REGIONS)
+    region = cdist(middles, centres).argmin(axis=1)
+    for j in np.unique(region):
+        mine = (region == j).astype(np.float32)
+        radius = np.percentile(np.linalg.norm(middles[region == j] - centres[j], axis=1), WITHIN)
+        yield {'centre': tuple(map(float, centres[j])), 'radius': float(radius)}, [
+            _stiffer(m.baseline, mine) for m in matched]
+
+
+def _stiffer(baseline, share):
+    """Effect of elements whose moduli are larger by a share (m,), to first order."""
+    places = {i: baseline.split(baseline.by_modulus[i] @ share) for i in baseline.places()}
+    return _stacked([places[i] for i in baseline.place.tolist()])
+
+
+def _stacked(changes):
+    """kind -> (n, c, 3) of n dicts kind -> (c, 3)."""
+    return {kind: np.stack([change[kind] for change in changes]) for kind in (OPTICAL, EM, FORCE)}

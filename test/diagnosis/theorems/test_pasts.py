@@ -1,0 +1,77 @@
+"""What the pads did before: a gap that fills while one pushes has a past, a wrong law has none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.adequacy import scan
+from arm_brachy.diagnosis.pooled_tests import Past
+from arm_brachy.diagnosis.stream import ENCODER
+from arm_brachy.diagnosis.structured_tests import structured_tests
+from arm_brachy.diagnosis.transmission import Path
+
+FILL, LEAK = 6.0, 25.0      # s
+STIFFENING = {'name': 'strain_stiffening', 'ratio': 3.0}
+
+
+@pytest.fixture(scope='module')
+def thrice(pushes):
+    """Path of one pad, pushed three times, and of another between; they stand for 5 s."""
+    first, second = (1, 0, 0, 0), (0, 1, 0, 0)
+    return pushes((first, 6e-3, 20e-3), (second, 6e-3, 20e-3), (first, 6e-3, 20e-3),
+                  (first, 6e-3, 20e-3), stand=5.0)
+
+
+def with_gap(path, width):
+    """The Path of the tissue under the first pad: air fills a gap of `width` [m] as it pushes."""
+    t, q, gap = path.t, path.q.copy(), 0.0
+    for k in range(1, len(t)):
+        pushed = path.q[k, 0] / 6e-3
+        gap += (t[k] - t[k - 1]) * (pushed * (1.0 - gap) / FILL - (1.0 - pushed) * gap / LEAK)
+        q[k, 0] -= width * gap * pushed
+    return Path(t, q)
+
+
+def scanned(matched):
+    """(adequacy.Scan, labels) of a Matched without any cause."""
+    columns, labels = structured_tests([matched])
+    return scan(matched.U, matched.r, columns, np.random.default_rng(3)), labels
+
+
+def largest(found, labels, *, past):
+    """Largest |z| among the tests of single channels, or of what follows pushes of the past."""
+    return max(abs(z) for z, label in zip(found.z, labels, strict=True)
+               if (isinstance(label, Past) and label.pad != '') is past)
+
+
+def test_a_gap_that_fills_shows_as_the_past_of_its_pad(breast, thrice):
+    recorded = breast.record(with_gap(thrice, 0.2e-3))
+    encoder = breast.record(thrice).streams[ENCODER]
+    matched = breast.beside(replace(recorded, streams=recorded.streams | {ENCODER: encoder}))
+    found, labels = scanned(matched)
+    worst = labels[found.worst]
+    assert found.chance < 1e-3 and isinstance(worst, Past)
+    assert worst.pad == 'pad_1' and worst.history.startswith('memory')
+    pad = breast.specimen.scene.pads[0]
+    assert worst.moved == 'pad_1' or np.linalg.norm(np.subtract(worst.centre, pad.centre)) < 0.03
+
+
+def test_where_nothing_is_missing_no_past_stands_out(breast, thrice):
+    found, labels = scanned(breast.watch(thrice))
+    assert found.chance > 0.05
+
+
+def test_a_law_that_is_wrong_has_no_past(breast, thrice):
+    found, labels = scanned(breast.watch(thrice, STIFFENING))
+    assert largest(found, labels, past=False) > 6.0
+    assert largest(found, labels, past=True) < 0.5 * largest(found, labels, past=False)
+
+
+def test_tests_keep_their_numbers_where_only_some_states_are_looked_at(breast, thrice):
+    """A test is known by its number, in a full fit as in all."""
+    matched = breast.watch(thrice)
+    some = np.arange(0, len(matched.recorded.states.t), 3)
+    whole, labels = structured_tests([matched])
+    part, same = structured_tests([matched], [(matched.observables.at(some), some)])
+    assert same == labels and part.shape[1] == whole.shape[1] == len(labels)
