@@ -56,7 +56,7 @@ class Baseline:
     by_modulus : n arrays (r, m), derivative by log E of every element, its ratio kept, single
         precision; None where the model's memory adds stress that is not linear in it
     restructures : term class -> bool, condensed : interface.Condensed, loosened : as `slip` keeps
-        it; filled when first wanted
+        it, columns : as `responses` keeps them; filled when first wanted
     Raises InputError for instants out of order, ConfigError for touching pads, NotConverged at a
     state that is not found
     or not stable. Linear answers of a model with memory leave out what the change would have
@@ -76,7 +76,7 @@ class Baseline:
         self._refuse_lost()
         self.at = np.searchsorted(self.trajectory.t, self.t)
         self.truth = [model.truth(self.trajectory, i) for i in self.at]
-        self.restructures, self.condensed, self.loosened = {}, None, {}
+        self.restructures, self.condensed, self.loosened, self.columns = {}, None, {}, {}
         self.solver = StaticSolver(model.body)
         self.fields = self._fields()
         self.forces = np.stack([self.solver.assembler.forces(self.x(i), fields)
@@ -102,7 +102,8 @@ class Baseline:
         """The Baseline at some of its states, index (k,), nothing solved for anew."""
         part, index = copy.copy(self), np.asarray(index)
         part.__dict__.pop('shown', None)
-        part.t, part.at, part.loosened = self.t[index], self.at[index], {}
+        part.t, part.at = self.t[index], self.at[index]
+        part.loosened, part.columns = {}, {}
         part.truth, part.fields = ([some[i] for i in index] for some in (self.truth, self.fields))
         part.forces, part.group = self.forces[index], self.group[index]
         if self.by_modulus is not None:

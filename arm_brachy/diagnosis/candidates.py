@@ -11,7 +11,7 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.spatial.distance import cdist
 
-from arm_brachy.diagnosis.hypothesis import Hypothesis, strengths
+from arm_brachy.diagnosis.hypothesis import TIED, Hypothesis, strengths
 from arm_brachy.tissue.mesh import boundary_faces, volumes
 
 INTERIOR, SURFACE, BASE_PLACES = 60, 24, 12     # places in a body, on it, under it
@@ -20,8 +20,6 @@ SOFTENING_ENERGIES = (15.0, 150.0)      # J/m^3: strains of 7 and 22 %
 # Directions of fibres, whose dyads span the symmetric tensors: azimuth, elevation [deg]
 FIBRES = ((0.0, 0.0), (90.0, 0.0), (0.0, 90.0), (45.0, 0.0), (0.0, 45.0), (90.0, 45.0))
 SECOND_BRANCH = 40.0    # s, beside a first that is faster by far: creep of tissue has both
-# Strengths that are free only where a place is given.
-TIED = {'bump_height': 'bump_centre', 'g2': 'tau2'}
 
 
 @dataclass(frozen=True)

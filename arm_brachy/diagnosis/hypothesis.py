@@ -11,6 +11,8 @@ import numpy as np
 from arm_brachy.core.quantity import quantities
 
 FAINT = 1e6     # times the typical value: as good as infinite where a parameter has no bound
+# Strength -> field of the place that it alone depends on: it is free only where that is given.
+TIED = {'bump_height': 'bump_centre', 'g1': 'tau1', 'g2': 'tau2'}
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,19 @@ class Hypothesis:
     def alone(self, k, amplitude):
         """Return the term with strength k at `amplitude` and the others off."""
         return self.term(amplitude * (np.arange(len(self.strengths)) == k))
+
+    def same_alone(self, k):
+        """What `alone` of strength k depends on but its amplitude, hashable; None = all there is.
+
+        A bump has a place, the height of the body beside it is the same at each.
+        """
+        one = self.strengths[k]
+        others = {TIED[s.name] for s in strengths(self.cls) if s.name in TIED} - {
+            TIED.get(one.name)}
+        if not others:
+            return None
+        return (self.cls, one.name, one.component,
+                tuple(sorted((f, v) for f, v in self.place.items() if f not in others)))
 
 
 def hypothesis(cls, names=None, **place):

@@ -60,10 +60,19 @@ def respond(baseline, hypothesis, scale=None):
     Raises ConfigError for a term that the encoders hide (set point), and what terms raise that do
     not fit.
     """
-    columns = [_column(baseline, partial(hypothesis.alone, k), scale)
-               for k in range(len(hypothesis.strengths))]
+    columns = [_known(baseline, hypothesis, k, scale) for k in range(len(hypothesis.strengths))]
     values = {kind: np.stack([column[0][kind] for column in columns], axis=3) for kind in STAGES}
     return Response(hypothesis, values, columns[0][1], columns[0][2])
+
+
+def _known(baseline, hypothesis, k, scale):
+    """`_column` of strength k, kept with the baseline where other hypotheses have the same."""
+    same = hypothesis.same_alone(k)
+    if same is None:
+        return _column(baseline, partial(hypothesis.alone, k), scale)
+    if (same, scale) not in baseline.columns:
+        baseline.columns[same, scale] = _column(baseline, partial(hypothesis.alone, k), scale)
+    return baseline.columns[same, scale]
 
 
 def _column(baseline, at, scale):

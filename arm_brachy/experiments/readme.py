@@ -16,6 +16,7 @@ from arm_brachy.experiments import (
     diagnosis_laboratories,
     diagnosis_totals,
 )
+from arm_brachy.experiments.gel_block import study as gel_block
 
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
 
@@ -120,6 +121,10 @@ def _laboratories(results):
     return diagnosis_laboratories.markdown(_load(results, diagnosis_laboratories.NAME))
 
 
+def _gel_block(results):
+    return gel_block.markdown(_load(results, gel_block.NAME))
+
+
 def _number(value, form):
     return '-' if value is None else f'{value:{form}}'
 
@@ -134,7 +139,7 @@ def _mean(rows, key):
 
 
 BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers,
-            'diagnosis': _diagnosis, 'laboratories': _laboratories,
+            'diagnosis': _diagnosis, 'laboratories': _laboratories, 'gel': _gel_block,
             'trials': blind_trials.markdown}
 
 

@@ -15,6 +15,7 @@ from arm_brachy.diagnosis.given import given, occasions_of
 from arm_brachy.diagnosis.hypotheses import try_all
 from arm_brachy.diagnosis.matched import match
 from arm_brachy.diagnosis.mesh_errors import ensemble_of
+from arm_brachy.diagnosis.mesh_limit import at_limit
 from arm_brachy.diagnosis.modulus import modulus_ratio, scaled
 from arm_brachy.diagnosis.observables import channels_of
 from arm_brachy.diagnosis.recorded import look
@@ -99,7 +100,10 @@ def learn(matched, kind, travels):
 
 
 def problem_of(bag, scene):
-    """(decide.Problem, Matched) of one recording: no findings, no decision, no full fit."""
+    """(decide.Problem, Matched) of one recording: no findings, no decision, no full fit.
+
+    The problem at the limit of finer elements where the recording bears it out, as the detector's.
+    """
     evidence, = load_evidence([bag], load_scene(scene))
     recorded = look(evidence)
     specimen = specimen_of(evidence.scene)
@@ -107,7 +111,9 @@ def problem_of(bag, scene):
                            specimen.mesh)
     ensemble = ensemble_of(ForwardModel(specimen), stream(SEED, 'meshes'))
     matched = match(recorded, specimen, ensemble, given((recorded,)).terms)
-    return assemble([matched], try_all([matched], occasions_of((recorded,)))).problem, matched
+    tried = try_all([matched], occasions_of((recorded,)))
+    finer = at_limit([matched], ensemble.limit)
+    return assemble(finer or [matched], tried).problem, matched
 
 
 def rows(truths, said):

@@ -217,3 +217,25 @@ def _loaded(fields, force):
     return fields
 
 
+@pytest.mark.parametrize(('name', 'strength', 'places'), [
+    ('reference_shape', 'height', [{}, {'bump_centre': (0.03, 0.03, 0.044)}]),
+    ('viscoelasticity', 'g1', [{'tau1': 3.0}, {'tau1': 3.0, 'tau2': 40.0}]),
+    ('viscoelasticity', 'g2', [{'tau1': 0.5, 'tau2': 40.0}, {'tau1': 3.0, 'tau2': 40.0}])])
+def test_what_another_strength_depends_on_changes_nothing_alone(quadratic, encoder, name, strength,
+                                                                places):
+    """Computed once for all of these, and the same if it is not."""
+    kept = Baseline(ForwardModel(quadratic), encoder, STATES)
+    for place in places:
+        one = hypothesis(by_name(name), (strength,), **place)
+        shared = respond(kept, one)
+        alone = respond(Baseline(ForwardModel(quadratic), encoder, STATES), one)
+        for kind, values in shared.values.items():
+            np.testing.assert_array_equal(values, alone.values[kind])
+    assert len(kept.columns) == 1
+
+
+def test_a_bump_elsewhere_is_another_column(baseline):
+    found = [respond(baseline, hypothesis(by_name('reference_shape'), ('bump_height',),
+                                          bump_centre=centre)).values['optical']
+             for centre in ((0.03, 0.03, 0.044), (-0.03, 0.03, 0.044))]
+    assert np.linalg.norm(found[0] - found[1]) > 0.5 * np.linalg.norm(found[0])
