@@ -19,6 +19,7 @@ from arm_brachy.diagnosis.responses import (
     body_change,
     loosened_change,
     sensing_change,
+    supported_change,
     transmission_change,
 )
 from arm_brachy.diagnosis.slip import NEAR
@@ -157,9 +158,11 @@ class RecordingFit:
     def _offset(self, shown):
         return {kind: shown[kind] + self._added.get(kind, 0.0) for kind in STAGES}
 
-    def columns(self, space, now, model):
+    def columns(self, space, now, model, *, leading=False):
         """Return (N, k): change of the prediction over the noise per coordinate at a _Point.
 
+        leading : differences of supports are those of condensed answers beside the model without
+            the terms: right to some per cent, and a hundredth of full runs
         Central differences, one-sided at a limit. Raises NotConverged where a full run fails.
         """
         baseline, changes = None, {}
@@ -167,7 +170,7 @@ class RecordingFit:
             self.runs += 1
             baseline = Baseline(model, self.data.encoder, self.data.t)
         for number, term in enumerate(now.terms):
-            changes[number] = self._change(baseline, number, term)
+            changes[number] = self._change(baseline, number, term, leading)
         low, high = space.joined('low'), space.joined('high')
         out = []
         for number, step in zip(space.owner, np.diag(space.joined('step')), strict=True):
@@ -175,11 +178,26 @@ class RecordingFit:
             before, after = (changes[number](space.terms(end)) for end in ends)
             width = np.sum(ends[1] - ends[0])
             out.append({kind: (after[kind] - before[kind]) / width for kind in STAGES})
+        if not all(np.isfinite(one[kind]).all() for one in out for kind in STAGES):
+            return self.columns(space, now, model)      # a condensed balance that is not found
         return self.data.observables.whiten(
             {kind: np.stack([one[kind] for one in out], axis=3) for kind in STAGES})
 
-    def _change(self, baseline, number, term):
+    def may_lead(self, terms):
+        """True if `columns` may take condensed answers of one of these terms."""
+        return any(self._condensed(term) is not None for term in terms)
+
+    def _condensed(self, term):
+        """Change of the prediction by a term that is a support, as `columns` says; else None."""
+        if self.data.baseline is None or term.stage is not Stage.BODY or (
+                _has_tangent(self.data.baseline.model, term)):
+            return None
+        return supported_change(self.data.baseline, term)
+
+    def _change(self, baseline, number, term, leading):
         """Function from terms, one of them varied, to the prediction but for a constant."""
+        if leading and self._condensed(term) is not None:
+            return lambda terms: self._condensed(terms[number])
         if baseline is None or not _has_tangent(baseline.model, term):
             return self._varied
         view, by = _struck(baseline, term), _CHANGES.get(term.stage, sensing_change)

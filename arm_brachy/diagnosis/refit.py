@@ -13,8 +13,9 @@ over the whole box of limits, less than `Options.tolerance`, or `ROUGH` if no st
 
 Derivatives come from the tangent answers of `responses` at the present model, a term's changed
 value being to its present one what a term is to a model without it; where no tangent leads there
-(supports, contact), from differences of full runs. Terms that act on sensors alone ask for no
-tissue solve after the first.
+(supports, contact), from differences of full runs. Condensed answers lead the way of supports as
+long as the steps that they ask for succeed: a hundredth of the cost. Terms that act on sensors
+alone ask for no tissue solve after the first.
 
 A memory is carried along the motion of the model without the causes (`carried`), at a tenth of
 the cost of stepping. Where the fit has settled, one stepped run says what that leaves out; it is
@@ -47,6 +48,7 @@ STATICS = NewtonOptions(tolerance=1e-8)     # m: a hundredth of what any tracker
 # standard deviation, and the interval has it; or a share of what the effect is worth, which is a
 # sixtieth of it in every channel; or more, where the whole step helps as little as short ones.
 TINY, ROUGH, RIPPLE = 0.25, 0.5, 2.5e-4
+MISLED = 2          # steps after each other that fail where condensed answers lead
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,7 @@ class _Fit:
         self.space, self.options, self.columns = space, options, ()
         terms = space.terms(space.joined('start'))
         self.recordings = [RecordingFit(one, terms) for one in data]
+        self.led = any(one.may_lead(terms) for one in self.recordings)
 
     def settled(self, start):
         """Return `minimum`, its predictions those of memories that are stepped.
@@ -169,7 +172,7 @@ class _Fit:
         Derivatives from before serve until they mislead.
         The step that is left counts as one standard deviation more. Raises NotConverged.
         """
-        now, region, fresh = self.at(start), 1.0, not self.columns
+        now, region, fresh, failed = self.at(start), 1.0, not self.columns, 0
         self.before = now.cost
         if not np.isfinite(now.cost):
             raise NotConverged('the refit has no prediction at its start; must be a model that '
@@ -182,16 +185,20 @@ class _Fit:
             step, promised = self.promise(now, slope, curvature, region)
             tiny = fresh and promised < TINY * self.options.tolerance
             spent = max(one.runs for one in self.recordings) >= self.options.runs
-            if left < self.options.tolerance or (tiny or spent) and (
-                    self.rippled(now, rest, left, tiny)):
+            over = left < self.options.tolerance or tiny or spent
+            if self.led and (over or failed >= MISLED):
+                self.led, fresh, failed = False, True, 0
+                self.linearise(now)
+                continue
+            if over and (left < self.options.tolerance or self.rippled(now, rest, left, tiny)):
                 return now, slope, np.linalg.inv(curvature) + np.outer(rest, rest)
             self.refuse_endless(left, tiny)
             ahead = self.at(now.z + step)
             gain = (now.cost - ahead.cost) / promised
             if gain < SUFFICIENT:
-                region, kept = 0.25 * self.length(step), fresh
+                region, kept, failed = 0.25 * self.length(step), fresh, failed + 1
             else:
-                now, fresh, off = ahead, False, abs(gain - 1.0)
+                now, fresh, failed, off = ahead, False, 0, abs(gain - 1.0)
                 region *= 2.0 if gain > GOOD else 0.5
                 kept = off < TRUE or promised < NEAR and off < GOOD
             if not kept:
@@ -211,7 +218,7 @@ class _Fit:
 
     def linearise(self, now):
         """Take the derivatives at a point."""
-        self.columns = tuple(one.columns(self.space, now, model)
+        self.columns = tuple(one.columns(self.space, now, model, leading=self.led)
                              for one, model in zip(self.recordings, now.models, strict=True))
 
     def length(self, step):

@@ -138,12 +138,22 @@ def _supported(baseline, term, scale):
     body, terms = _prepared(baseline.model, term)
     if touches(body).any() and not any(one.memory(body) is not None for one in terms):
         return _by(scale, loosened_change(baseline, term))
-    if remembers(body, terms):
-        return _rerun(baseline, term, scale)
+    change = supported_change(baseline, term)
+    return _rerun(baseline, term, scale) if change is None else _by(scale, change)
+
+
+def supported_change(baseline, term):
+    """Return the change kind -> (n, c, 3) by a term that is nothing but a support (`interface`).
+
+    None where it is more than that, pads touch or something remembers; NaN where no balance is
+    found.
+    """
+    body, terms = _prepared(baseline.model, term)
+    if touches(body).any() or remembers(body, terms):
+        return None
     changes = interface_change(baseline, body)
-    if changes is None:
-        return _rerun(baseline, term, scale)
-    return _by(scale, _difference(baseline, [baseline.split(change) for change in changes]))
+    return None if changes is None else _difference(
+        baseline, [baseline.split(change) for change in changes])
 
 
 def loosened_change(baseline, term, near=np.inf, back=0.0):

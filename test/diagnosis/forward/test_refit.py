@@ -120,6 +120,17 @@ def test_a_sector_of_another_shape_settles_among_the_ripples_of_its_nodes(
     assert found.after < 0.5 * found.before
 
 
+def test_where_condensed_answers_lead_the_end_is_the_same_and_the_way_shorter(record, linear,
+                                                                             encoder):
+    data = record((BaseDebond(radius=0.03, centre=(0.02, 0.01, 0.0)),))
+    near, start = hypothesis(BaseDebond, centre=(0.04, -0.01, 0.0)), [np.array([0.5])]
+    plain = refit([data], (near,), start)
+    led = refit([replace(data, baseline=Baseline(ForwardModel(linear), encoder, STATES))],
+                (near,), start)
+    assert led.runs < 0.6 * plain.runs
+    assert led.after == pytest.approx(plain.after, abs=0.5)
+
+
 def test_friction_is_found_from_a_run_with_contact(quadratic, encoder):
     """Predictions by contact condensed, the truth by the plant's, at pushes to 4 mm."""
     path, t = replace(encoder, q=0.5 * encoder.q), STATES[:5]
