@@ -75,21 +75,3 @@ def _chance(largest, correlation, rng, draws):
         drawn = rng.standard_normal((count, len(root)), dtype=np.float32) @ root
         reached += int(np.sum(np.abs(drawn).max(axis=1) >= largest))
     return (reached + 1) / (draws + 1)
-
-
-def per_channel(features, channels):
-    """Return the columns (n, m) that test every feature in every channel, and what each is.
-
-    features : name -> (n,) value of a feature at every row;  channels : (n,) label of every row
-    A feature that does not vary within a channel is dropped there but for the constant.
-    Returns (columns, ((channel, feature), ...)).
-    """
-    columns, names = [], []
-    for channel in np.unique(channels):
-        rows = channels == channel
-        for name, values in features.items():
-            if name != 'constant' and np.ptp(values[rows]) == 0.0:
-                continue
-            columns.append(np.where(rows, values, 0.0))
-            names.append((channel, name))
-    return np.column_stack(columns), tuple(names)

@@ -81,7 +81,7 @@ class Problem:
 
     r : (n,) residual over noise;  U : (n, k) nuisances and mesh, in prior standard deviations
     kinds : (n,) kind of experiment of every row, whole kinds are held out
-    tests : (n, m) columns of structured tests (`adequacy.per_channel`)
+    tests : (n, m) columns of structured tests (`structured_tests`)
     explanations : tuple of Explanation
     pushes : (n,) number of the load case of every row, -1 = none (`assembly.load_cases`)
     """

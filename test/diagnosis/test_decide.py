@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.adequacy import per_channel
 from arm_brachy.diagnosis.decide import Explanation, Judge, Problem
 from arm_brachy.diagnosis.laplace import Gain
 
@@ -29,8 +28,8 @@ class World:
                                    (self.channel == np.arange(CHANNELS)[:, None]).astype(float))
         self.stranger = self.responses[CAUSES]
         self.nuisance = 5.0 * (self.channel[:, None] == np.arange(CHANNELS))
-        self.tests, _ = per_channel({'constant': np.ones(n), 'depth': depth, 'depth^2': depth**2,
-                                     'time': time}, self.channel)
+        self.tests = np.column_stack([(self.channel == c) * feature for c in range(CHANNELS)
+                                      for feature in (np.ones(n), depth, depth**2, time)])
 
     def explanations(self, *extra, cause=lambda i: True):
         singles = tuple(Explanation(f'cause_{i}', '', 3.0 * self.responses[i][:, None])
