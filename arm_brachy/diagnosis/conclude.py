@@ -14,7 +14,7 @@ from arm_brachy.diagnosis.occasion import intervals, shown_in
 from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.statements import Alternative, Nearest
 from arm_brachy.diagnosis.stream import OPTICAL
-from arm_brachy.diagnosis.whereabouts import CENTRES, marker_place, place_of, test_places
+from arm_brachy.diagnosis.whereabouts import CENTRES, marker_place, place_of, places_of_test
 
 VISIBLE = 3.0       # standard deviations that an effect of typical size must make to be seen
 MOST = 12           # alternatives that are told
@@ -128,7 +128,7 @@ def left_over(assembly, explanations, *, mesh=False):
 
 def unexplained(assembly, worst, left):
     """(places, intervals) of what is left (N,); worst : number of the test that stands out."""
-    where, weights = test_places(assembly.tests[worst]), {}
+    where, weights = places_of_test(assembly.tests[worst]), {}
     for m, rows in split_rows(assembly, left):
         for row, value in zip(m.observables.rows, rows, strict=True):
             if row.kind == OPTICAL:

@@ -50,7 +50,7 @@ def radius_of(covariance):
     return float(np.sqrt(max(widest, 0.0) * chi2.ppf(SHARE, 3)))
 
 
-def test_places(label):
+def places_of_test(label):
     """statements.Place of a structured test that stands out, by its label; a tuple.
 
     Of a history also the pad whose pushes it is of, if that is another place.

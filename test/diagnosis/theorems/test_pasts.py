@@ -10,6 +10,7 @@ from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.stream import ENCODER
 from arm_brachy.diagnosis.structured_tests import structured_tests
 from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.whereabouts import places_of_test
 
 FILL, LEAK = 6.0, 25.0      # s
 STIFFENING = {'name': 'strain_stiffening', 'ratio': 3.0}
@@ -55,6 +56,8 @@ def test_a_gap_that_fills_shows_as_the_past_of_its_pad(breast, thrice):
     assert worst.pad == 'pad_1' and worst.history.startswith('memory')
     pad = breast.specimen.scene.pads[0]
     assert worst.moved == 'pad_1' or np.linalg.norm(np.subtract(worst.centre, pad.centre)) < 0.03
+    assert any(place.actuator == 'pad_1' for place in places_of_test(worst))
+    assert 'of the pushes of pad_1' in worst.said
 
 
 def test_where_nothing_is_missing_no_past_stands_out(breast, thrice):
