@@ -9,8 +9,9 @@ from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
 from arm_brachy.diagnosis.held_out import stacked
 from arm_brachy.diagnosis.laplace import gain_over_response
-from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue
+from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue, past_errors
 from arm_brachy.diagnosis.model_error import Accuracy
+from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.structured_tests import structured_tests
 
 
@@ -39,7 +40,7 @@ class FullFits:
             return self._linear(candidate)
         parts = parts_of(self._assembly, found, 1.0)
         matched = self._assembly.matched[:len(parts)]
-        tests, _ = structured_tests(matched, [
+        tests, labels = structured_tests(matched, [
             (part.observables, kept) for part, kept in zip(parts, found.kept, strict=True)])
         law = law_of(found.hypotheses, self._law)
         sizes = [law * (part.r - part.of_mesh - residual) * of_tissue(
@@ -49,7 +50,7 @@ class FullFits:
         pushes = [pushes_of(m)[kept] for m, kept in zip(matched, found.kept, strict=True)]
         errors = law_errors([part.observables for part in parts], pushes, sizes)
         left = np.concatenate([part.named - part.of_mesh for part in parts])
-        return self._scan(np.hstack([U, errors]), left, tests, np.concatenate(sizes))
+        return self._scan(np.hstack([U, errors]), left, (tests, labels), np.concatenate(sizes))
 
     def gain(self, candidate):
         """laplace.Gain of the full fit of a decide.Candidate; None if it did not settle."""
@@ -76,10 +77,17 @@ class FullFits:
         size = law * soft * (columns @ candidate.mean)
         errors = law_errors([m.observables for m in matched], [pushes_of(m) for m in matched],
                             np.split(size, np.cumsum([len(m.r) for m in matched])[:-1]))
-        return self._scan(np.hstack([problem.U, columns, errors]), problem.r, problem.tests, size)
+        return self._scan(np.hstack([problem.U, columns, errors]), problem.r,
+                          (problem.tests, self._assembly.tests), size)
 
-    def _scan(self, U, r, tests, size):
-        """The Scan beside U of r (N,) with an effect in it that rows have wrong by size (N,)."""
+    def _scan(self, U, r, structured, size):
+        """The Scan beside U of r (N,) with an effect in it that rows have wrong by size (N,).
+
+        structured : columns (N, m) of tests and their labels
+        """
+        tests, labels = structured
+        past = np.array([isinstance(label, Past) for label in labels])
+        U = np.hstack([U, past_errors(tests[:, past], size)])
         weight = 1.0 / np.sqrt(1.0 + np.square(size))
         return scan(weight[:, None] * U, weight * r, weight[:, None] * tests, self._rng)
 

@@ -64,6 +64,18 @@ def law_errors(observables, pushes, sizes):
                       for size in (np.concatenate(sizes), *grown)])
 
 
+def past_errors(tests, size):
+    """Return columns (N, m): what a law may have wrong of an effect's past.
+
+    tests : (N, m) columns of `pooled_tests`;  size : (N,) whitened, what it has wrong in all
+    Of each test as much as the size shows of it: how softening goes with the pushes before, or a
+    drift with time, is a law as well. An effect without a past gets little where pushes were
+    repeated: what was seen once may have had any.
+    """
+    length = np.maximum(np.sum(tests**2, axis=0), 1e-300)
+    return tests * (tests.T @ size / length)
+
+
 def widened(found, data, factor, law):
     """Return the estimates, hypothesis number -> {field: Estimate}, of effects known to `law`.
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.diagnosis.adequacy import scan
+from arm_brachy.diagnosis.law_error import past_errors
 from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.stream import ENCODER
 from arm_brachy.diagnosis.structured_tests import structured_tests
@@ -78,3 +79,12 @@ def test_tests_keep_their_numbers_where_only_some_states_are_looked_at(breast, t
     whole, labels = structured_tests([matched])
     part, same = structured_tests([matched], [(matched.observables.at(some), some)])
     assert same == labels and part.shape[1] == whole.shape[1] == len(labels)
+
+
+def test_a_law_may_be_wrong_by_as_much_of_a_past_as_its_effect_has():
+    rng = np.random.default_rng(5)
+    tests = rng.normal(size=(200, 4))
+    np.testing.assert_allclose(past_errors(tests, 0.1 * tests[:, 2])[:, 2], 0.1 * tests[:, 2])
+    apart = rng.normal(size=200)
+    apart -= tests @ np.linalg.lstsq(tests, apart, rcond=None)[0]
+    np.testing.assert_allclose(past_errors(tests, apart), 0.0, atol=1e-12)
