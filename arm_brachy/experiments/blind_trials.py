@@ -6,7 +6,7 @@ Test: experiments/test_readme.py
 import json
 
 # Folders of results/trials: commits of the detector, in order.
-TRIALS = ('bc215fd', 'bda5ad8', 'c10f951', '1bd0120', 'fe474c0')
+TRIALS = ('bc215fd', 'bda5ad8', 'c10f951', '1bd0120', 'fe474c0', 'b6f6b5d')
 PARTS = ('named', 'noticed')        # shares of single terms and sizes; they are in the files
 
 
