@@ -42,10 +42,10 @@ class Past:
     @property
     def said(self):
         """A sentence on what stands out if this does."""
-        goes = f'a {self.history} of the pushes of {self.pad}' if self.pad else 'time'
-        where = f'how far {self.moved} takes the tissue' if self.moved else 'how stiff it is there'
-        return (f'What stands out goes with {goes}, as if {where} depended on it: not a matter of '
-                'where the pads are alone, as a law or a mesh would be.')
+        goes = f'the {self.history} of the pushes of {self.pad}' if self.pad else 'time'
+        what = f'how far {self.moved} takes the tissue' if self.moved else 'the stiffness there'
+        return (f'What stands out most goes with {goes}, as if {what} depended on it. A law or a '
+                'mesh that is wrong would go with where the pads are now.')
 
 
 def pooled_tests(matched, parts):

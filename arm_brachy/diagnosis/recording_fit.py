@@ -162,7 +162,7 @@ class RecordingFit:
         """Return (N, k): change of the prediction over the noise per coordinate at a _Point.
 
         leading : differences of supports are those of condensed answers beside the model without
-            the terms: right to some per cent, and a hundredth of full runs
+            the terms: right to some per cent, a twentieth of the cost of full runs
         Central differences, one-sided at a limit. Raises NotConverged where a full run fails.
         """
         baseline, changes = None, {}
@@ -178,7 +178,7 @@ class RecordingFit:
             before, after = (changes[number](space.terms(end)) for end in ends)
             width = np.sum(ends[1] - ends[0])
             out.append({kind: (after[kind] - before[kind]) / width for kind in STAGES})
-        if not all(np.isfinite(one[kind]).all() for one in out for kind in STAGES):
+        if leading and not all(np.isfinite(one[kind]).all() for one in out for kind in STAGES):
             return self.columns(space, now, model)      # a condensed balance that is not found
         return self.data.observables.whiten(
             {kind: np.stack([one[kind] for one in out], axis=3) for kind in STAGES})

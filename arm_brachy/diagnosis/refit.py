@@ -13,9 +13,9 @@ over the whole box of limits, less than `Options.tolerance`, or `ROUGH` if no st
 
 Derivatives come from the tangent answers of `responses` at the present model, a term's changed
 value being to its present one what a term is to a model without it; where no tangent leads there
-(supports, contact), from differences of full runs. Condensed answers lead the way of supports as
-long as the steps that they ask for succeed: a hundredth of the cost. Terms that act on sensors
-alone ask for no tissue solve after the first.
+(supports, contact), from differences of full runs. Condensed answers, a twentieth of their cost,
+lead the way of supports as long as the steps that they ask for succeed; the end is by full runs.
+Terms that act on sensors alone ask for no tissue solve after the first.
 
 A memory is carried along the motion of the model without the causes (`carried`), at a tenth of
 the cost of stepping. Where the fit has settled, one stepped run says what that leaves out; it is
