@@ -127,16 +127,26 @@ def left_over(assembly, explanations, *, mesh=False):
 
 
 def unexplained(assembly, worst, left):
-    """(places, intervals) of what is left (N,); worst : number of the test that stands out."""
-    where, weights = places_of_test(assembly.tests[worst]), {}
+    """(places, intervals) of what is left (N,); worst : number of the test that stands out.
+
+    What all channels show together is where and when its test says: single markers say nothing.
+    """
+    label = assembly.tests[worst]
+    if isinstance(label, Past):
+        return places_of_test(label), _times(assembly, assembly.problem.tests[:, worst])
+    weights = {}
     for m, rows in split_rows(assembly, left):
         for row, value in zip(m.observables.rows, rows, strict=True):
             if row.kind == OPTICAL:
                 weights[row.channel] = weights.get(row.channel, 0.0) + value**2
     around = marker_place(assembly.matched[0].baseline.model.specimen.scene, weights)
-    when = [one for m, rows in split_rows(assembly, left)
-            for one in intervals(m, shown_in(m, rows))]
-    return (*where, *([] if around is None else [around])), tuple(when)
+    return (*places_of_test(label), *([] if around is None else [around])), _times(assembly, left)
+
+
+def _times(assembly, values):
+    """statements.Interval in which values (N,) are large, in every recording."""
+    return tuple(one for m, rows in split_rows(assembly, values)
+                 for one in intervals(m, shown_in(m, rows)))
 
 
 def said_of(label):
