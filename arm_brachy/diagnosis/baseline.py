@@ -4,7 +4,7 @@ Test: diagnosis/forward/test_responses.py
 """
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -78,7 +78,7 @@ class Baseline:
         self.truth = [model.truth(self.trajectory, i) for i in self.at]
         self.restructures, self.condensed, self.loosened, self.columns = {}, None, {}, {}
         self.solver = StaticSolver(model.body)
-        self.fields = self._fields()
+        self.fields = self._fields(self.trajectory)
         self.forces = np.stack([self.solver.assembler.forces(self.x(i), fields)
                                 for i, fields in enumerate(self.fields)])
         self.place = self._places()
@@ -111,6 +111,24 @@ class Baseline:
         part.place = np.unique(self.place[index], return_index=True, return_inverse=True)
         part.place = part.place[1][part.place[2].ravel()]
         return part
+
+    def lasting(self, model):
+        """The Baseline of a ForwardModel at the positions of this one, which are not its own.
+
+        It answers as the model does to what never changed since the start: memories have followed
+        these positions. Held nodes must be the same; raises InvertedElement as `evolve`.
+        """
+        part = copy.copy(self)
+        part.__dict__.pop('shown', None)
+        part.model, part.solver = model, StaticSolver(model.body)
+        part.fields, part.group = part.lasting_fields(), np.arange(len(self.t))
+        part.sensitivities = part._linearise(part.group)
+        return part
+
+    def lasting_fields(self, shift=0.0):
+        """n StepFields of steps without end, memories of positions that are `shift` (n, 3) [m] off.
+        """
+        return self._fields(replace(self.trajectory, x=self.trajectory.x + shift), lasting=True)
 
     def places(self):
         """The first state of every place."""
@@ -181,10 +199,10 @@ class Baseline:
             raise NotConverged(f'the model has no state at {self.trajectory.t[i]:.2f} s '
                                f'({outcome.name}: {outcome.advice})')
 
-    def _fields(self):
+    def _fields(self, trajectory, *, lasting=False):
         wanted = dict.fromkeys(self.at.tolist())
-        for i, fields in enumerate(evolve(self.model.body, self.model.body_terms,
-                                          self.trajectory)):
+        for i, fields in enumerate(evolve(self.model.body, self.model.body_terms, trajectory,
+                                          lasting=lasting)):
             if i in wanted:
                 wanted[i] = fields
         return [wanted[i] for i in self.at.tolist()]

@@ -14,6 +14,7 @@ from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.law_error import law_of, widened
 from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.motion import corners_of
+from arm_brachy.diagnosis.preload import preload
 from arm_brachy.diagnosis.recording_fit import Data
 from arm_brachy.diagnosis.refit import Refit, refit
 from arm_brachy.diagnosis.standing_back import standing_back
@@ -38,7 +39,8 @@ class Fitted:
     kept : per recording that may lack something (k,) numbers of the states they were fitted at
     scale : Estimate of the modulus over that of the model, fitted with them; None without refit
     notes : sentences
-    back : per such recording columns (N, g) of loose pads that stand back (`standing_back`)
+    back : per such recording columns (N, g) of pads off their zeros where that is not as the model
+        without the causes answers: loose ones (`standing_back`), tissue that changes (`preload`)
     """
 
     hypotheses: tuple
@@ -106,7 +108,7 @@ def fit_in_full(assembly, candidate, law):
     data = [without_modulus(m, some) for m, some in zip(suspects, kept, strict=True)]
     modulus = hypothesis(StiffnessScale)
     try:
-        back = tuple(_standing_back(m, one, hypotheses, amplitudes)
+        back = tuple(_off_zero(m, one, hypotheses, amplitudes)
                      for m, one in zip(suspects, data, strict=True))
         data = [replace(one, U=np.hstack([one.U, columns]))
                 for one, columns in zip(data, back, strict=True)]
@@ -126,9 +128,11 @@ def fit_in_full(assembly, candidate, law):
                   kept, estimates[n]['factor'], back=back)
 
 
-def _standing_back(m, data, hypotheses, amplitudes):
+def _off_zero(m, data, hypotheses, amplitudes):
+    """Columns (N, g) of pads off their zeros beside terms of about these amplitudes."""
     terms = [one.term(_allowed(one, a)) for one, a in zip(hypotheses, amplitudes, strict=True)]
-    return standing_back(data, terms, m.recorded.prepared.calibration.touch)
+    touch = m.recorded.prepared.calibration.touch
+    return np.hstack([standing_back(data, terms, touch), preload(data, terms, touch)])
 
 
 def _effects(assembly, candidate):

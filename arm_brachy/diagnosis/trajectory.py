@@ -209,10 +209,11 @@ def stepped(body, terms, t, pads, options=None):
                       tuple(s.outcome for s in states))
 
 
-def evolve(body, terms, trajectory):
+def evolve(body, terms, trajectory, *, lasting=False):
     """Yield the StepFields in force at every instant of a Trajectory, memory following its x.
 
     body : SoftBody as `terms` prepared it;  terms : body terms
+    lasting : those of a step without end instead, by which small loads answer that never change
     Each memory is carried along positions that are given, not solved for: to first order in an
     effect this is what it does, and exact for the terms that the trajectory was found with. The
     first instant has lasted for ever. Raises InvertedElement as the terms do.
@@ -222,7 +223,7 @@ def evolve(body, terms, trajectory):
     for t, dt, x in zip(trajectory.t, steps, trajectory.x, strict=True):
         fields = StepFields.of(body)
         for term, memory in zip(terms, memories, strict=True):
-            term.before_step(body, memory, t, dt, fields)
+            term.before_step(body, memory, t, np.inf if lasting else dt, fields)
         yield fields
         swollen = body.swollen(fields.swelling)
         memories = tuple(term.after_step(swollen, memory, x, t, dt)

@@ -1,0 +1,59 @@
+"""Pads that press tissue where their encoders say zero, and tissue that changes meanwhile.
+
+The nuisance `touch` has a pad off its zero press as the model without the terms answers. Where
+tissue softens or stiffens in the course of a recording, what it presses with at rest does as well:
+0.3 mm too deep is 0.1 to 0.2 N, of which softening takes a third. And pushes that are deeper than
+the encoder says soften more.
+Test: diagnosis/forward/test_preload.py
+"""
+
+import numpy as np
+
+from arm_brachy.core.errors import NotConverged
+from arm_brachy.diagnosis.forward import STAGES, ForwardModel
+from arm_brachy.diagnosis.responses import rebuilt
+from arm_brachy.tissue.newton import StaticSolver
+
+
+def preload(data, terms, touch):
+    """Return columns (N, p): what `terms` change of the answer to each pad `touch` [m] off zero.
+
+    data : recording_fit.Data with its baseline;  terms : of a hypothesis, at about their sizes
+    The pad has been there since before the recording: what relaxes has relaxed. Memories follow
+    motions that are off by what it moves at rest. No column where the model neither remembers nor
+    goes by the clock, nor where no tangent leads to it (supports, contact).
+    Raises NotConverged where tissue touched is not found, InvertedElement as terms do.
+    """
+    plain, model = data.baseline, ForwardModel(data.specimen, (*data.terms, *terms))
+    if not (model.remembers or model.timed) or rebuilt(plain.model.body, model.body):
+        return np.zeros((len(data.observables.rows), 0))
+    changed, columns = plain.lasting(model), []
+    for moved in touch * np.eye(len(model.body.pads)):
+        change = _change(plain, changed, moved, _motion(plain.model, moved))
+        columns.append({kind: np.stack([one[kind] for one in change]) for kind in STAGES})
+    return data.observables.whiten(
+        {kind: np.stack([one[kind] for one in columns], axis=3) for kind in STAGES})
+
+
+def _change(plain, changed, moved, motion):
+    """n dicts kind -> (c, 3): what pads moved by (p,) [m] do to a Baseline more than to a plain one.
+
+    motion : (n, 3) [m] of the nodes by them
+    """
+    out, still = [], np.zeros_like(motion)
+    forces = changed.solver.assembler.forces
+    for i, fields in enumerate(changed.lasting_fields(motion)):
+        rate = forces(plain.x(i), fields) - forces(plain.x(i), changed.fields[i])
+        more = changed.split(changed.sensitivity(i).change(still, rate))
+        new, old = changed.pads_moved(i, moved), plain.pads_moved(i, moved)
+        out.append({kind: new[kind] + more[kind] - old[kind] for kind in STAGES})
+    return out
+
+
+def _motion(model, moved):
+    """Motion (n, 3) [m] of the nodes by pads moved by (p,) [m] from rest."""
+    solver, rest = StaticSolver(model.body), model.body.mesh.nodes
+    found = solver.follow(rest, solver.held_positions(moved[:, None] * model.directions))
+    if not found.outcome.ok:
+        raise NotConverged(f'no state with pads {1e3 * np.abs(moved).max():g} mm off their zeros')
+    return found.x - rest

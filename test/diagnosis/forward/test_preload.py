@@ -1,0 +1,80 @@
+"""Pads off their zeros in tissue that changes: columns against full runs of the shifted path."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.baseline import Baseline
+from arm_brachy.diagnosis.forward import ForwardModel
+from arm_brachy.diagnosis.observables import KINDS, Measured, Observables, channels_of
+from arm_brachy.diagnosis.preload import preload
+from arm_brachy.diagnosis.recording_fit import Data
+from arm_brachy.tissue.terms.base_debond import BaseDebond
+from arm_brachy.tissue.terms.inclusion import Inclusion
+from arm_brachy.tissue.terms.stiffness_drift import StiffnessDrift
+from arm_brachy.tissue.terms.stress_softening import StressSoftening
+from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
+
+STATES = np.array([0.2, 1.5, 2.5, 4.5, 6.5, 8.0, 9.0])
+TOUCH, PAD = 3e-4, 0        # m
+
+
+@pytest.fixture(scope='module')
+def data(linear, encoder):
+    """Data of a recording at rest and in pushes, noise of 1 so that columns are in m and N."""
+    baseline, names = Baseline(ForwardModel(linear), encoder, STATES), channels_of(linear)
+    streams = [Measured(kind, names[kind], baseline.shown[kind],
+                        np.ones(baseline.shown[kind].shape[:2], dtype=bool),
+                        np.ones(baseline.shown[kind].shape), np.eye(len(STATES)))
+               for kind in KINDS]
+    observables = Observables(streams, names)
+    return Data(linear, encoder, STATES, observables,
+                np.zeros((len(observables.rows), 0)), baseline=baseline)
+
+
+def shifted(data, terms):
+    """kind -> (n, c, 3): what full runs show more with a pad TOUCH further in all along."""
+    pad = np.arange(len(data.specimen.pads)) == PAD
+    further = replace(data.encoder, q=data.encoder.q + TOUCH * pad)
+    model = ForwardModel(data.specimen, terms)
+    runs = [model.predict(path, STATES) for path in (further, data.encoder)]
+    return {kind: runs[0].get(kind) - runs[1].get(kind) for kind in KINDS}
+
+
+def told(data, terms):
+    """(column, what full runs say) of the pad (N,), forces, and (N,) what it does without terms."""
+    force = np.array([row.kind == 'force' for row in data.observables.rows])
+    column = preload(data, terms, TOUCH)[:, PAD]
+    whiten = data.observables.whiten_shift
+    plain, full = (whiten(shifted(data, some)) for some in ((), terms))
+    return column[force], (full - plain)[force], plain[force]
+
+
+@pytest.mark.parametrize('term', [StressSoftening(damage=0.4, energy=30.0),
+                                  StiffnessDrift(rate=0.01, onset=1.0)],
+                         ids=lambda term: term.spec.name)
+def test_tissue_that_changes_bears_a_pad_off_its_zero_otherwise(data, term):
+    column, full, plain = told(data, (term,))
+    assert np.linalg.norm(full) > 0.05 * np.linalg.norm(plain)
+    assert np.linalg.norm(column - full) < 0.15 * np.linalg.norm(full)
+
+
+def test_what_relaxes_has_relaxed_before_the_recording(data):
+    """A step of the pad now would meet a stiffer body by g; one of long ago does not."""
+    column, full, plain = told(data, (Viscoelasticity(g1=0.3, tau1=3.0),))
+    assert np.linalg.norm(full) < 0.1 * np.linalg.norm(plain)
+    assert np.linalg.norm(column) < 0.1 * np.linalg.norm(plain)
+
+
+def test_a_lump_beside_what_softens_counts(data):
+    lump = Inclusion(centre=(0.02, 0.01, 0.03), radius=0.012, ratio=4.0)
+    column, full, _ = told(data, (lump, StressSoftening(damage=0.4, energy=30.0)))
+    assert np.linalg.norm(column - full) < 0.2 * np.linalg.norm(full)
+
+
+@pytest.mark.parametrize('term', [Inclusion(centre=(0.02, 0.01, 0.03), radius=0.012, ratio=4.0),
+                                  BaseDebond(radius=0.02, centre=(0.02, 0.0, 0.0))],
+                         ids=lambda term: term.spec.name)
+def test_tissue_without_a_past_asks_for_no_column(data, term):
+    assert preload(data, (term,), TOUCH).shape == (len(data.observables.rows), 0)
