@@ -46,7 +46,8 @@ def assemble(matched, tried, sound=0):
                                           for m, r in zip(matched, responses, strict=True)])
                for responses in tried.responses)
     explanations = tuple(Explanation(one.name, label(one), part,
-                                     load_cases=one.cls.spec.load_cases)
+                                     load_cases=one.cls.spec.load_cases,
+                                     one_sided=tuple(s.one_sided for s in one.strengths))
                          for one, part in zip(tried.hypotheses, columns, strict=True))
     problem = Problem(np.concatenate([m.r for m in matched]), U,
                       np.concatenate([m.kinds for m in matched]), tests, explanations,

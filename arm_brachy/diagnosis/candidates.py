@@ -17,8 +17,12 @@ from arm_brachy.tissue.mesh import boundary_faces, volumes
 INTERIOR, SURFACE, BASE_PLACES = 60, 24, 12     # places in a body, on it, under it
 RELAXATION_TIMES = (0.5, 3.0, 15.0)     # s: what a recording of a minute tells apart
 SOFTENING_ENERGIES = (15.0, 150.0)      # J/m^3: strains of 7 and 22 %
-# Directions of fibres, whose dyads span the symmetric tensors: azimuth, elevation [deg]
-FIBRES = ((0.0, 0.0), (90.0, 0.0), (0.0, 90.0), (45.0, 0.0), (0.0, 45.0), (90.0, 45.0))
+# Axes, diagonals of the faces and of the body of a cube: no direction is 28 degrees from all.
+# Azimuth, elevation [deg] of fibres
+TILT = float(np.degrees(np.arctan(np.sqrt(0.5))))
+FIBRES = ((0.0, 90.0), *((a, 0.0) for a in (0.0, 45.0, 90.0, 135.0)),
+          *((a, 45.0) for a in (0.0, 90.0, 180.0, 270.0)),
+          *((a, TILT) for a in (45.0, 135.0, 225.0, 315.0)))
 SECOND_BRANCH = 40.0    # s, beside a first that is faster by far: creep of tissue has both
 
 
@@ -137,9 +141,9 @@ def _windows(cls, specimen, occasions):
 
 
 def _rhythms(cls, specimen, occasions):
-    """Sine and cosine, so that phase is free; along each axis."""
+    """Every quarter of a period, so that phase is free; along each axis."""
     return [{'frequency': float(f), 'phase': phase, 'direction': tuple(axis)}
-            for f in occasions.frequencies for phase in (0.0, 0.5 * np.pi)
+            for f in occasions.frequencies for phase in 0.5 * np.pi * np.arange(4)
             for axis in np.eye(3)]
 
 

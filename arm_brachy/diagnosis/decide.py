@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.special import logsumexp
+from scipy.special import log_ndtr, logsumexp
 
 from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.adequacy import scan
@@ -66,6 +66,7 @@ class Explanation:
     columns : (n, p) change of r per prior standard deviation of each parameter
     log_prior : of the cause before the data, natural logarithm
     load_cases : different pushes that it takes to tell it from a load
+    one_sided : per parameter True if it cannot be negative; () = all can
     """
 
     cause: str
@@ -73,6 +74,12 @@ class Explanation:
     columns: np.ndarray
     log_prior: float = 0.0
     load_cases: int = 1
+    one_sided: tuple = ()
+
+    @property
+    def limited(self):
+        """(p,) True for parameters that cannot be negative."""
+        return np.array(self.one_sided or (False,) * self.columns.shape[1], dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -156,9 +163,11 @@ class _Gram:
     """Inner products in C^-1 = (I + U U')^-1 of all explanations' columns and of r.
 
     total : (k + P + 1)^2 products of U, of the columns and of r over some of the rows
+    limited : (P,) True for columns whose coefficients cannot be negative
     """
 
-    def __init__(self, total, k):
+    def __init__(self, total, k, limited):
+        self._limited = limited
         factor = cholesky(np.eye(k) + total[:k, :k], lower=True)
         seen = solve_triangular(factor, total[:k, k:], lower=True)
         self.left = total[k:, k:] - seen.T @ seen
@@ -170,12 +179,26 @@ class _Gram:
     def gain(self, columns):
         """Log evidence of columns with normal coefficients over none.
 
-        a'(I + B)^-1 a / 2 - log det(I + B) / 2, B = X'C^-1 X, a = X'C^-1 r.
+        a'(I + B)^-1 a / 2 - log det(I + B) / 2, B = X'C^-1 X, a = X'C^-1 r, plus `sign`.
         """
         B, a = self.normal(columns)
         factor = cholesky(np.eye(len(a)) + B, lower=True)
         half = solve_triangular(factor, a, lower=True)
-        return 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
+        volume = float(np.log(np.diag(factor)).sum())
+        return 0.5 * float(half @ half) - volume + self.sign(columns)
+
+    def sign(self, columns):
+        """What the signs of columns' coefficients are worth in evidence: log 2 P(c >= 0) each.
+
+        Of coefficients that cannot be negative; exact for one, several taken as independent.
+        """
+        limited = self._limited[columns]
+        if not limited.any():
+            return 0.0
+        B, a = self.normal(columns)
+        covariance = np.linalg.inv(np.eye(len(a)) + B)
+        z = (covariance @ a) / np.sqrt(np.diag(covariance))
+        return float(np.sum(np.log(2.0) + log_ndtr(z[limited])))
 
 
 def _grams(problem):
@@ -185,7 +208,8 @@ def _grams(problem):
     parts = [rows.T @ rows for rows in
              (every[problem.kinds == kind] for kind in np.unique(problem.kinds))]
     total, k = sum(parts), problem.U.shape[1]
-    return _Gram(total, k), [_Gram(total - part, k) for part in parts]
+    limited = np.concatenate([e.limited for e in problem.explanations] or [np.zeros(0, bool)])
+    return _Gram(total, k, limited), [_Gram(total - part, k, limited) for part in parts]
 
 
 class Judge:
@@ -361,7 +385,8 @@ class Judge:
     def _equals(self, accepted, ranked):
         """Candidates that are not told from the accepted one, each cause at its best variant.
 
-        Full fits tell causes whose responses are alike only where they fit worse.
+        Full fits tell causes whose responses are alike only where they fit worse; what would have
+        to be less than nothing is no rival.
         Of a pair also those in which another cause has the place of either.
         """
         kept = [None]
@@ -374,6 +399,8 @@ class Judge:
                 if set(one.causes) & set(accepted.causes):
                     continue
                 rival = one if rest is None else self._best(one.causes[0], (rest,))
+                if self._all.sign(self._of(rival.explanations)) < -self.rules.rival:
+                    continue
                 apart = self._apart(accepted, rival)
                 close = accepted.evidence - rival.evidence < self.rules.rival
                 told = accepted.weighed and rival.weighed and (

@@ -22,6 +22,8 @@ class Strength:
     name : field of the term;  component : of a vector, or None;  neutral, typical : SI
     high : SI, what stands for an infinite `neutral`
     spread : standard deviation of the prior, in typical sizes; 1 where it is lognormal
+    one_sided : True if limits leave no negative amplitude: nothing relaxes or sticks less than
+        nothing does
     """
 
     name: str
@@ -30,6 +32,7 @@ class Strength:
     typical: float
     high: float
     spread: float = 1.0
+    one_sided: bool = False
 
     def value(self, amplitude):
         """The parameter (SI) at an amplitude: linear, or inversely where off means infinite."""
@@ -58,9 +61,14 @@ def strengths(cls):
             typical = float(defaults[name])
         high = FAINT * typical if info.high is None else info.scale * info.high
         spread = info.scale * _sd(info) / abs(typical - neutral) if _sd(info) else 1.0
-        out += [Strength(name, i, neutral, typical, high, spread)
+        out += [Strength(name, i, neutral, typical, high, spread, _one_sided(info))
                 for i in (range(3) if info.shape else (None,))]
     return tuple(out)
+
+
+def _one_sided(info):
+    """True if a quantity is off at its limit, or where it is infinite."""
+    return not np.isfinite(info.neutral) or info.neutral in (info.low, info.high)
 
 
 def _sd(info):

@@ -71,6 +71,32 @@ def test_what_cannot_be_told_apart_comes_as_a_class(world):
     assert decision.equals[0].separation < 0.01
 
 
+def one_sided(world, i, name, sign):
+    """A cause that shows as `sign` times cause i does, and cannot be less than nothing."""
+    return Explanation(name, '', sign * 3.0 * world.responses[i][:, None], one_sided=(True,))
+
+
+def test_a_cause_that_would_have_to_be_less_than_nothing_is_none(world):
+    """Something that is softer where all that the catalogue has there can but stiffen."""
+    decision = world.decide(-1.2 * world.responses[3], one_sided(world, 3, 'limited', 1.0),
+                            cause=lambda i: i != 3)
+    assert decision.verdict == 'unexplained'
+    assert decision.nearest is None or 'limited' not in decision.nearest.causes
+
+
+def test_its_sign_tells_it_from_a_cause_that_shows_alike(world):
+    decision = world.decide(1.2 * world.responses[3], one_sided(world, 3, 'mirror', -1.0))
+    assert decision.verdict == 'named' and decision.accepted.causes == ('cause_3',)
+
+
+def test_the_right_sign_is_worth_a_factor_of_two(world):
+    """Half of its prior is gone before the data, none of what is left with them."""
+    twin = one_sided(world, 3, 'twin', 1.0)
+    decision = world.decide(1.2 * world.responses[3], twin)
+    evidence = {one.causes: one.evidence for one in decision.ranked}
+    assert evidence['twin',] - evidence['cause_3',] == pytest.approx(np.log(2.0), abs=1e-6)
+
+
 def test_a_pair_of_which_one_cannot_be_told_comes_as_a_class_around_the_other(world):
     twin = Explanation('twin', '', -2.0 * 3.0 * world.responses[3][:, None])
     decision = world.decide(world.responses[3] - 1.5 * world.responses[5], twin)

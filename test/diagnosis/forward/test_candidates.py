@@ -56,6 +56,32 @@ def test_spread_is_the_width_of_the_prior_in_typical_sizes():
     assert damage.spread == pytest.approx(0.6 / np.sqrt(12.0) / 0.3)
 
 
+def test_what_is_off_at_its_limit_has_one_side():
+    sides = {(cls.spec.name, one.name): one.one_sided for cls in TERMS for one in strengths(cls)}
+    for never_less in (('anisotropy', 'ratio'), ('stress_softening', 'damage'),
+                       ('base_debond', 'radius'), ('backlash', 'width'), ('obstacle', 'gap')):
+        assert sides[never_less]
+    for either in (('inclusion', 'ratio'), ('stiffness_drift', 'rate'), ('force_gain', 'gain')):
+        assert not sides[either]
+
+
+def test_fibres_are_near_some_direction_that_is_tried(linear):
+    rng = np.random.default_rng(1)
+    any_way = rng.normal(size=(2000, 3))
+    any_way /= np.linalg.norm(any_way, axis=1)[:, None]
+    tried = np.array([one.term(np.ones(1)).direction
+                      for one in candidates(by_name('anisotropy'), linear)])
+    away = np.degrees(np.arccos(np.abs(any_way @ tried.T).max(axis=1)))
+    assert away.max() < 28.0 and len(tried) == 13
+
+
+def test_a_rhythm_of_any_phase_is_met_by_one_that_only_adds(linear):
+    """A wave that cannot be negative: some quarter of a period is within 45 degrees of it."""
+    phases = {one.place['phase'] for one in candidates(by_name('breathing'), linear, KNOWN)}
+    for phase in np.linspace(0.0, 2.0 * np.pi, 17):
+        assert max(np.cos(phase - one) for one in phases) >= np.cos(0.25 * np.pi) - 1e-9
+
+
 def test_the_strengths_left_out_are_off():
     gain = hypothesis(by_name('actuator_gain'), ('offset',)).term(np.array([1.0]))
     assert gain.gain == 0.0 and gain.offset == pytest.approx(5e-4)
