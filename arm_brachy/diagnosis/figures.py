@@ -14,6 +14,7 @@ from arm_brachy.evaluation.body_place import Body, Spot, body_place
 from arm_brachy.evaluation.style import BAND, GOAL, INK, MEASURED, OURS, Plate, new_figure, styled
 from arm_brachy.evaluation.timeseries import PadMark
 
+UNEXPLAINED = 'unexplained'   # what is drawn at a place of which it is not known what is there
 MOST_COLUMNS = 3    # recordings side by side; with more the axes are too narrow to read
 SHADE = '#fcebdf'
 GREY = '#b9c3ca'
@@ -64,7 +65,7 @@ def where_plate(d, body):
 
 
 def _spot(d, place):
-    label = wording.spoken(place.term) if place.term else 'unexplained'
+    label = wording.spoken(place.term) if place.term else UNEXPLAINED
     return Spot(np.asarray(place.position), place.radius, label,
                 sure=d.verdict == 'named' and bool(place.term))
 
@@ -73,11 +74,18 @@ def _where_caption(spots, pads, markers):
     parts = ['The body at rest, true to scale; dots: markers; arrows: pads and the way '
              'they push (a cross: away from the reader).']
     if spots:
-        dashed = ' (dashed: not certain what is there)' if not all(s.sure for s in spots) else ''
-        parts.append(f'Circles: 90 % regions of the place{dashed}, drawn through the surface.')
+        parts.append(f'{_circles(spots)}, drawn through the surface.')
     if pads or markers:
         parts.append(f'In orange: {wording.listed(sorted([*pads, *markers]))}.')
     return ' '.join(parts)
+
+
+def _circles(spots):
+    """What the circles around Spots are."""
+    if all(spot.label == UNEXPLAINED for spot in spots):
+        return 'Dashed circles: where something is left'
+    dashed = ' (dashed: not certain what is there)' if not all(s.sure for s in spots) else ''
+    return f'Circles: 90 % regions of the place{dashed}'
 
 
 @styled

@@ -131,7 +131,7 @@ def _facts(d):
         facts.append(Fact(f'Held-out error, {one.stream}: as given, recalibrated'
                           + ('' if one.named is None else ', with what was found'),
                           ' → '.join(shown), f'{unit} (noise {floor})'))
-    if d.where and d.where[0].position is not None:
+    if d.where and d.where[0].term and d.where[0].position is not None:
         facts.append(Fact('Place known within', number(d.where[0].radius * words.MM, 1),
                           'mm (90 %)'))
     if d.apart is not None:

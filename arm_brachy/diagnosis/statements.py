@@ -37,7 +37,8 @@ class Place:
     channel : marker, tool or pad of the stream, '' = all
     boundary : the region in words that follow 'on the' ('base', 'surface under pad_1'), with a
         position if it has one
-    position : (3,) [m] world frame, at rest;  radius : [m] of the 90 % region around it
+    position : (3,) [m] world frame, at rest;  radius : [m] of the 90 % region around it; without
+        term how far from it something is left, which has no probability
     term, option : of the cause that is there; '' = what is there is not known
     """
 
@@ -59,7 +60,7 @@ class Place:
             raise InputError(f'place in stream {self.stream!r}; must be one of {", ".join(UNITS)}')
         if (self.position is None) != (self.radius is None):
             raise InputError('place with only one of position and radius; a position must have '
-                             'the radius of its 90 % region')
+                             'the radius of the region around it')
         if self.position is not None and np.shape(self.position) != (3,):
             raise InputError(f'place at {self.position}; must be three coordinates in m')
 

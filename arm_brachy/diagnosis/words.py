@@ -96,7 +96,7 @@ def title(cause):
 
 
 def place(where, *, region=True):
-    """A Place, with its preposition; region : with the 90 % region around it."""
+    """A Place, with its preposition; region : with the region around it."""
     if where.stream:
         words, carrier = STREAMS[where.stream]
         return f'in the {words}' + (f' ({carrier} {where.channel})' if where.channel else '')
@@ -104,7 +104,8 @@ def place(where, *, region=True):
         return f'at the actuator of {where.actuator}'
     at = '' if where.position is None else point(where.position)
     if at and region:
-        at += f' (90 % region: {where.radius * MM:.1f} mm around it)'
+        radius = f'{where.radius * MM:.1f} mm'
+        at += f' (90 % region: {radius} around it)' if where.term else f' (within {radius} of it)'
     if where.boundary:
         return f'on the {where.boundary}{f", at {at}" if at else ""}'
     return f'at {at}'

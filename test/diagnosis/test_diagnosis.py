@@ -142,7 +142,7 @@ def test_an_option_of_its_own_is_no_name(answers):
     (lambda: Place(), 'by nothing'),
     (lambda: Place(stream='optical', actuator='pad_1'), 'by stream and actuator'),
     (lambda: Place(stream='sonar'), "'sonar'"),
-    (lambda: Place(position=(0.0, 0.0, 0.0)), 'radius of its 90 % region'),
+    (lambda: Place(position=(0.0, 0.0, 0.0)), 'radius of the region around it'),
     (lambda: Interval('a', 3.0, 2.0), 'not end before'),
     (lambda: Interval('a', 2.0, 3.0, 'thursday'), "'thursday'"),
     (lambda: StreamFit('sonar', 1.0, 1.0, 1.0), "'sonar'"),

@@ -34,7 +34,7 @@ PROMISES = re.compile(r'\b(powerful|advanced|robust|novel|accurate|smart|perhaps
                         'mm (noise alone: 0.15 mm) and the error of the EM tracker is 0.30 mm '
                         '(noise alone: 0.30 mm).'),
     ('unexplained', 'Something is missing that no term of the catalogue explains, most clearly '
-                    'at x = -31.0, y = 24.0, z = 41.0 mm (90 % region: 8.6 mm around it), from '
+                    'at x = -31.0, y = 24.0, z = 41.0 mm (within 8.6 mm of it), from '
                     '23.40 to 27.20 s of rich, while unloading, beginning suddenly between 23.31 '
                     'and 23.47 s (90 %).'),
 ])
@@ -108,11 +108,11 @@ def test_beside_a_found_cause_the_place_of_the_rest_is_said(answers):
 @pytest.mark.parametrize('place, said', [
     (Place(stream='em'), 'in the EM tracker'),
     (Place(stream='force', channel='pad_2'), 'in the pad forces (pad pad_2)'),
-    (Place(boundary='base', position=(0.01, 0.0, 0.0), radius=0.004),
+    (Place(boundary='base', position=(0.01, 0.0, 0.0), radius=0.004, term='base_debond'),
      'on the base, at x = 10.0, y = 0.0, z = 0.0 mm (90 % region: 4.0 mm around it)'),
     (Place(boundary='base'), 'on the base'),
     (Place(position=(-1e-9, 0.0, 0.0), radius=0.004),
-     'at x = 0.0, y = 0.0, z = 0.0 mm (90 % region: 4.0 mm around it)'),
+     'at x = 0.0, y = 0.0, z = 0.0 mm (within 4.0 mm of it)'),
 ])
 def test_places(place, said):
     assert words.place(place) == said
