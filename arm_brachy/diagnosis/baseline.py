@@ -126,8 +126,7 @@ class Baseline:
         return part
 
     def lasting_fields(self, shift=0.0):
-        """n StepFields of steps without end, memories of positions that are `shift` (n, 3) [m] off.
-        """
+        """n StepFields of steps without end, memories of positions `shift` (n, 3) [m] off."""
         return self._fields(replace(self.trajectory, x=self.trajectory.x + shift), lasting=True)
 
     def places(self):

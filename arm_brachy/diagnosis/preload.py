@@ -36,9 +36,9 @@ def preload(data, terms, touch):
 
 
 def _change(plain, changed, moved, motion):
-    """n dicts kind -> (c, 3): what pads moved by (p,) [m] do to a Baseline more than to a plain one.
+    """n dicts kind -> (c, 3): by how much more a Baseline changes than a plain one does.
 
-    motion : (n, 3) [m] of the nodes by them
+    moved : (p,) [m], of the pads;  motion : (n, 3) [m] of the nodes by them
     """
     out, still = [], np.zeros_like(motion)
     forces = changed.solver.assembler.forces

@@ -7,6 +7,10 @@ import json
 
 # Folders of results/trials: commits of the detector, in order.
 TRIALS = ('bc215fd', 'bda5ad8', 'c10f951', '1bd0120', 'fe474c0', 'b6f6b5d')
+# What is counted of the baselines -> of the detector. All of its cases: `supplied` ones as well.
+COUNTED = {'top-1, all singles': 'top-1, all singles',
+           'false alarms, nulls': 'false alarms, nulls',
+           'wrong claims, all cases': 'wrong claims, or no answer'}
 PARTS = ('named', 'noticed')        # shares of single terms and sizes; they are in the files
 
 
@@ -30,6 +34,30 @@ def markdown(results):
                       *(f'| {what} | ' + ' | '.join(cells.get(what, '-')
                                                     for cells in columns.values()) + ' |'
                         for what in counted)])
+
+
+def baselines(results):
+    """Lines of a table: the baselines of the last trial that has them, and the detector of it."""
+    for name in reversed(TRIALS):
+        path = results / 'trials' / name / 'result.json'
+        rows = json.loads(path.read_text(encoding='utf-8'))['rows']
+        simple = [row for row in rows if 'baseline' in row]
+        if simple:
+            own = {row['what']: row for row in rows if row.get('over_all') == 'absolute'
+                   and 'what' in row}
+            return baseline_lines([*simple, *({**own[of], 'baseline': f'the diagnosis, {name}',
+                                               'what': what} for what, of in COUNTED.items())])
+    return ''
+
+
+def baseline_lines(rows):
+    """Lines of a table: a line a baseline; rows without a share are left out."""
+    rows = [row for row in rows if 'count' in row]
+    names, counted = ({row[key]: None for row in rows} for key in ('baseline', 'what'))
+    cells = {(row['baseline'], row['what']): cell(row) for row in rows}
+    return '\n'.join([f'| baseline | {" | ".join(counted)} |', '|---' * (1 + len(counted)) + '|',
+                      *(f'| {name} | {" | ".join(cells[name, what] for what in counted)} |'
+                        for name in names)])
 
 
 def _counts(row):

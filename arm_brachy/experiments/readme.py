@@ -140,7 +140,7 @@ def _mean(rows, key):
 
 BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers,
             'diagnosis': _diagnosis, 'laboratories': _laboratories, 'gel': _gel_block,
-            'trials': blind_trials.markdown}
+            'trials': blind_trials.markdown, 'baselines': blind_trials.baselines}
 
 
 def main():

@@ -4,7 +4,7 @@ import numpy as np
 
 from arm_brachy.evaluation.result import Result
 from arm_brachy.evaluation.style import OURS, Plate, new_figure, styled
-from arm_brachy.experiments.blind_trials import cell
+from arm_brachy.experiments.blind_trials import baseline_lines, cell
 from arm_brachy.experiments.diagnosis_score import RECALIBRATED
 from arm_brachy.prove import totals
 from arm_brachy.prove.answering import SUPPLIED
@@ -81,16 +81,6 @@ def markdown(rows, modes):
     lines += [f'| {some[0]["what"]}, median | ' + ' | '.join(map(cell, some)) + ' |'
               for some in zip(*middles, strict=True)]
     return '\n'.join(lines)
-
-
-def baseline_lines(rows):
-    """The README's lines on the baselines, a line each; rows without a share are left out."""
-    rows = [row for row in rows if 'count' in row]
-    names, counted = ({row[key]: None for row in rows} for key in ('baseline', 'what'))
-    cells = {(row['baseline'], row['what']): cell(row) for row in rows}
-    return '\n'.join([f'| baseline | {" | ".join(counted)} |', '|---' * (1 + len(counted)) + '|',
-                      *(f'| {name} | {" | ".join(cells[name, what] for what in counted)} |'
-                        for name in names)])
 
 
 def confusion(truths, records, mode):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from made_up_answers import effect, truth
 
+from arm_brachy.experiments.blind_trials import baseline_lines
 from arm_brachy.prove import rivals
-from arm_brachy.prove.report import baseline_lines
 
 TRUTHS = {'case_0': truth(effect('backlash', {})), 'case_1': truth(kind='null')}
 SAID = {'case_0': {'said': {'LASSO': 'backlash', 'always': 'stiffness_scale'},

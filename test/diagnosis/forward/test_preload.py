@@ -43,7 +43,7 @@ def shifted(data, terms):
 
 
 def told(data, terms):
-    """(column, what full runs say) of the pad (N,), forces, and (N,) what it does without terms."""
+    """(column (N,), what full runs say, what it does without terms) of the pad, in forces."""
     force = np.array([row.kind == 'force' for row in data.observables.rows])
     column = preload(data, terms, TOUCH)[:, PAD]
     whiten = data.observables.whiten_shift
