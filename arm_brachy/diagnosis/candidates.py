@@ -32,11 +32,13 @@ class Occasions:
 
     onsets : [s] change points;  windows : (start, end) [s] of passing events
     frequencies : [Hz] of rhythms in the residual
+    end : [s] of the last recording to end; 0 = not known
     """
 
     onsets: tuple = ()
     windows: tuple = ()
     frequencies: tuple = ()
+    end: float = 0.0
 
 
 def candidates(cls, specimen, occasions=None):
@@ -131,8 +133,10 @@ def _onsets(cls, specimen, occasions):
     return [{'onset': float(t)} for t in occasions.onsets]
 
 
-def _onsets_or_start(cls, specimen, occasions):
-    return [{'onset': 0.0}, *_onsets(cls, specimen, occasions)]
+def _onsets_or_some_time(cls, specimen, occasions):
+    """What sets in slowly leaves no change point: from the start, or from any quarter on."""
+    quarters = [0.25 * k * occasions.end for k in range(1, 4)] if occasions.end else []
+    return [{'onset': float(t)} for t in (0.0, *quarters, *occasions.onsets)]
 
 
 def _windows(cls, specimen, occasions):
@@ -176,5 +180,5 @@ _CHOICES = (
     _Choice(_has('frequency'), _rhythms),
     _Choice(_has('onset', 'duration'), _windows),
     _Choice(_has('onset', but=('external_force', 'stiffness_drift', 'swelling_drift')), _onsets),
-    _Choice(_has('onset', 'rate'), _onsets_or_start),
+    _Choice(_has('onset', 'rate'), _onsets_or_some_time),
 )

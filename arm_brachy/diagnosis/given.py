@@ -97,4 +97,4 @@ def occasions_of(recorded):
     onsets = sorted(set(onsets))
     stops = [*onsets, max(ends)][1:]
     windows = [(a, b) for a, b in zip(onsets, stops, strict=True) if b > a]
-    return Occasions(tuple(onsets), tuple(windows), tuple(frequencies))
+    return Occasions(tuple(onsets), tuple(windows), tuple(frequencies), float(max(ends)))

@@ -38,6 +38,12 @@ def test_what_no_occasion_supports_is_no_hypothesis(linear):
     assert len(candidates(by_name('stiffness_drift'), linear)) == 1
 
 
+def test_a_drift_may_set_in_at_any_time(linear):
+    """Nothing jumps where a drift begins: without a change point as well."""
+    found = candidates(by_name('swelling_drift'), linear, Occasions(onsets=(12.0,), end=60.0))
+    assert {one.place['onset'] for one in found} == {0.0, 12.0, 15.0, 30.0, 45.0}
+
+
 def test_strengths_run_from_off_to_typical():
     for cls in TERMS:
         for one in strengths(cls):
