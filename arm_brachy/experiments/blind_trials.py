@@ -10,7 +10,8 @@ TRIALS = ('bc215fd', 'bda5ad8', 'c10f951', '1bd0120', 'fe474c0', 'b6f6b5d')
 # What is counted of the baselines -> of the detector. All of its cases: `supplied` ones as well.
 COUNTED = {'top-1, all singles': 'top-1, all singles',
            'false alarms, nulls': 'false alarms, nulls',
-           'wrong claims, all cases': 'wrong claims, or no answer'}
+           'wrong claims, all cases': 'wrong claims, or no answer',
+           'held-out recovery': 'held-out recovery'}
 PARTS = ('named', 'noticed')        # shares of single terms and sizes; they are in the files
 
 
@@ -51,13 +52,12 @@ def baselines(results):
 
 
 def baseline_lines(rows):
-    """Lines of a table: a line a baseline; rows without a share are left out."""
-    rows = [row for row in rows if 'count' in row]
+    """Lines of a table: a line a baseline; '-' where a baseline has nothing to count."""
     names, counted = ({row[key]: None for row in rows} for key in ('baseline', 'what'))
     cells = {(row['baseline'], row['what']): cell(row) for row in rows}
-    return '\n'.join([f'| baseline | {" | ".join(counted)} |', '|---' * (1 + len(counted)) + '|',
-                      *(f'| {name} | {" | ".join(cells[name, what] for what in counted)} |'
-                        for name in names)])
+    lines = [[name, *(cells.get((name, what), '-') for what in counted)] for name in names]
+    head = [f'| baseline | {" | ".join(counted)} |', '|---' * (1 + len(counted)) + '|']
+    return '\n'.join([*head, *(f'| {" | ".join(line)} |' for line in lines)])
 
 
 def _counts(row):
