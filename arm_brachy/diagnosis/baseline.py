@@ -120,7 +120,8 @@ class Baseline:
         """
         part = copy.copy(self)
         part.__dict__.pop('shown', None)
-        part.model, part.solver = model, StaticSolver(model.body)
+        part.model, part.solver, part.by_modulus = model, StaticSolver(model.body), None
+        part.restructures, part.condensed, part.loosened, part.columns = {}, None, {}, {}
         part.fields, part.group = part.lasting_fields(), np.arange(len(self.t))
         part.sensitivities = part._linearise(part.group)
         return part
