@@ -50,6 +50,9 @@ class Rules:
                             source='own choice: three standard deviations')
     alarm: float = quantity(1e-3, '', 'chance of a structured test below which something is left',
                             low=1e-6, high=0.5, source='own choice: one in a thousand')
+    bent: float = quantity(0.05, '', 'part of an effect that its response may have wrong',
+                           low=0.0, high=1.0, source='own choice: as much as any law; what is '
+                           'relaxed by a third answers to 2 % otherwise than to first order')
     partners: int = 12   # causes, best first, that are tried in pairs
     alone: int = 3       # causes, best first, that are fitted in full alone
     weighed: int = 4     # causes, best first, whose full fits are compared
@@ -356,8 +359,22 @@ class Judge:
         rest = tuple(e for one in beside for e in one.explanations)
         paid = tuple(p for one in beside for p in one.paid)
         gains = np.array([self._all.gain(self._of((*rest, v))) for v in variants])
-        chosen = logsumexp(gains) - np.log(len(gains)) - gains.max() + variants[0].log_prior
-        return self._candidate((*rest, variants[int(gains.argmax())]), (*paid, float(chosen)))
+        best = self._simplest(variants, gains)
+        chosen = logsumexp(gains) - np.log(len(gains)) - gains[best] + variants[0].log_prior
+        return self._candidate((*rest, variants[best]), (*paid, float(chosen)))
+
+    def _simplest(self, variants, gains):
+        """Number of the variant that gains most, but for numbers that it may owe to its response.
+
+        By as much as a response has wrong of a large effect, a second number fits better than one:
+        half the square of that part of it.
+        """
+        best = int(gains.argmax())
+        fewer = [i for i, v in enumerate(variants)
+                 if v.columns.shape[1] < variants[best].columns.shape[1]]
+        owed = self.rules.rival + self.rules.bent**2 * max(gains[best], 0.0)
+        simple = max(fewer, key=lambda i: gains[i], default=best)
+        return simple if gains[best] - gains[simple] < owed else best
 
     def _best_pair(self, ranked):
         """The pair with the most evidence; None if there are not two causes.

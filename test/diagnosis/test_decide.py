@@ -158,6 +158,18 @@ def test_a_place_is_found_among_its_variants(world):
     assert decision.accepted.explanations[0].variant == 'place 4'
 
 
+@pytest.mark.parametrize('second, numbers', [(0.0, 1), (0.5, 2)])
+def test_a_second_number_has_to_show_more_than_what_the_first_has_wrong(world, second, numbers):
+    """An effect of 400 sd that is 2 % off, along what would be another number of its cause."""
+    one, other = 30.0 * world.responses[2], 30.0 * world.responses[6]
+    variants = (Explanation('branches', 'one', one[:, None]),
+                Explanation('branches', 'two', np.stack([one, other], axis=1)))
+    decision = world.decide(one + (0.02 + second) * other, *variants,
+                            check=lambda one: SimpleNamespace(chance=1.0),
+                            cause=lambda i: i not in (2, 6))
+    assert decision.accepted.causes == ('branches',) and len(decision.accepted.mean) == numbers
+
+
 def test_nulls_are_left_alone():
     """60 recordings in which nothing is missing: no claim; at 8 nats chance allows e^-8 each."""
     verdicts = [World(100 + seed).decide(0.0).verdict for seed in range(60)]
