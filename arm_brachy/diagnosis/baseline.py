@@ -48,6 +48,7 @@ class Baseline:
 
     model : ForwardModel with pads bonded;  encoder : transmission.Path
     t : (n,) [s], increasing, stamps of the recording
+    lasting : True for answers to what never changed since the start, beside memories
     trajectory : trajectory.Trajectory with the times between, for memories;  at : (n,) the states
         in it;  path : transmission.Path of the pads;  forces : (n, nodes, 3) [N]
     truth : n dicts kind -> (c, 3), before the sensors and their clocks
@@ -63,7 +64,7 @@ class Baseline:
     done to the memory until then.
     """
 
-    def __init__(self, model, encoder, t):
+    def __init__(self, model, encoder, t, *, lasting=False):
         if touches(model.body).any():
             raise ConfigError('the model has pads that touch; must be bonded to be linearised; '
                               'leave pad_slip out, or fit it by full runs')
@@ -78,7 +79,7 @@ class Baseline:
         self.truth = [model.truth(self.trajectory, i) for i in self.at]
         self.restructures, self.condensed, self.loosened, self.columns = {}, None, {}, {}
         self.solver = StaticSolver(model.body)
-        self.fields = self._fields(self.trajectory)
+        self.fields = self._fields(self.trajectory, lasting=lasting)
         self.forces = np.stack([self.solver.assembler.forces(self.x(i), fields)
                                 for i, fields in enumerate(self.fields)])
         self.place = self._places()
@@ -112,22 +113,8 @@ class Baseline:
         part.place = part.place[1][part.place[2].ravel()]
         return part
 
-    def lasting(self, model):
-        """The Baseline of a ForwardModel at the positions of this one, which are not its own.
-
-        It answers as the model does to what never changed since the start: memories have followed
-        these positions. Held nodes must be the same; raises InvertedElement as `evolve`.
-        """
-        part = copy.copy(self)
-        part.__dict__.pop('shown', None)
-        part.model, part.solver, part.by_modulus = model, StaticSolver(model.body), None
-        part.restructures, part.condensed, part.loosened, part.columns = {}, None, {}, {}
-        part.fields, part.group = part.lasting_fields(), np.arange(len(self.t))
-        part.sensitivities = part._linearise(part.group)
-        return part
-
     def lasting_fields(self, shift=0.0):
-        """n StepFields of steps without end, memories of positions `shift` (n, 3) [m] off."""
+        """n StepFields of steps without end, memories of positions `shift` (nodes, 3) [m] off."""
         return self._fields(replace(self.trajectory, x=self.trajectory.x + shift), lasting=True)
 
     def places(self):

@@ -10,7 +10,10 @@ Test: diagnosis/forward/test_preload.py
 import numpy as np
 
 from arm_brachy.core.errors import NotConverged
+from arm_brachy.diagnosis.baseline import Baseline
+from arm_brachy.diagnosis.carried import Past
 from arm_brachy.diagnosis.forward import STAGES, ForwardModel
+from arm_brachy.diagnosis.recording_fit import STATICS
 from arm_brachy.diagnosis.responses import rebuilt
 from arm_brachy.tissue.newton import StaticSolver
 
@@ -22,12 +25,14 @@ def preload(data, terms, touch):
     The pad has been there since before the recording: what relaxes has relaxed. Memories follow
     motions that are off by what it moves at rest. No column where the model neither remembers nor
     goes by the clock, nor where no tangent leads to it (supports, contact).
-    Raises NotConverged where tissue touched is not found, InvertedElement as terms do.
+    Raises NotConverged where a state is not found, InvertedElement as terms do.
     """
-    plain, model = data.baseline, ForwardModel(data.specimen, (*data.terms, *terms))
+    plain, terms = data.baseline, (*data.terms, *terms)
+    model = ForwardModel(data.specimen, terms, options=STATICS,
+                         past=Past(plain.trajectory, plain.model.body.mesh.nodes))
     if not (model.remembers or model.timed) or rebuilt(plain.model.body, model.body):
         return np.zeros((len(data.observables.rows), 0))
-    changed, columns = plain.lasting(model), []
+    changed, columns = Baseline(model, data.encoder, data.t, lasting=True), []
     for moved in touch * np.eye(len(model.body.pads)):
         change = _change(plain, changed, moved, _motion(plain.model, moved))
         columns.append({kind: np.stack([one[kind] for one in change]) for kind in STAGES})
@@ -38,12 +43,12 @@ def preload(data, terms, touch):
 def _change(plain, changed, moved, motion):
     """n dicts kind -> (c, 3): by how much more a Baseline changes than a plain one does.
 
-    moved : (p,) [m], of the pads;  motion : (n, 3) [m] of the nodes by them
+    moved : (p,) [m], of the pads;  motion : (nodes, 3) [m] by them
     """
     out, still = [], np.zeros_like(motion)
     forces = changed.solver.assembler.forces
     for i, fields in enumerate(changed.lasting_fields(motion)):
-        rate = forces(plain.x(i), fields) - forces(plain.x(i), changed.fields[i])
+        rate = forces(changed.x(i), fields) - changed.forces[i]
         more = changed.split(changed.sensitivity(i).change(still, rate))
         new, old = changed.pads_moved(i, moved), plain.pads_moved(i, moved)
         out.append({kind: new[kind] + more[kind] - old[kind] for kind in STAGES})
@@ -51,7 +56,7 @@ def _change(plain, changed, moved, motion):
 
 
 def _motion(model, moved):
-    """Motion (n, 3) [m] of the nodes by pads moved by (p,) [m] from rest."""
+    """Motion (nodes, 3) [m] by pads moved by (p,) [m] from rest."""
     solver, rest = StaticSolver(model.body), model.body.mesh.nodes
     found = solver.follow(rest, solver.held_positions(moved[:, None] * model.directions))
     if not found.outcome.ok:

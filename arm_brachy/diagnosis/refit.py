@@ -35,14 +35,12 @@ from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.freedom import Space, free_space
 from arm_brachy.diagnosis.inference import posterior
 from arm_brachy.diagnosis.recording_fit import RecordingFit
-from arm_brachy.tissue.newton import NewtonOptions
 
 SUFFICIENT = 0.1    # of the promised descent, for a step to be made
 GOOD = 0.5          # of it, for a larger one to be tried next
 # Derivatives are kept after a step of less than one standard deviation of the posterior, and after
 # any step that lowered the cost as they said it would.
 NEAR, TRUE = 0.5, 0.02
-STATICS = NewtonOptions(tolerance=1e-8)     # m: a hundredth of what any tracker averages to
 # A lump that moves through points of quadrature, or a support through nodes, ripples the cost:
 # where no step of a quarter of the tolerance helps, or all runs are made, the end may promise a
 # standard deviation, and the interval has it; or a share of what the effect is worth, which is a

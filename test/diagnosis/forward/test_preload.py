@@ -14,6 +14,7 @@ from arm_brachy.tissue.terms.base_debond import BaseDebond
 from arm_brachy.tissue.terms.inclusion import Inclusion
 from arm_brachy.tissue.terms.stiffness_drift import StiffnessDrift
 from arm_brachy.tissue.terms.stress_softening import StressSoftening
+from arm_brachy.tissue.terms.swelling_drift import SwellingDrift
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
 STATES = np.array([0.2, 1.5, 2.5, 4.5, 6.5, 8.0, 9.0])
@@ -65,6 +66,12 @@ def test_what_relaxes_has_relaxed_before_the_recording(data):
     column, full, plain = told(data, (Viscoelasticity(g1=0.3, tau1=3.0),))
     assert np.linalg.norm(full) < 0.1 * np.linalg.norm(plain)
     assert np.linalg.norm(column) < 0.1 * np.linalg.norm(plain)
+
+
+def test_a_body_that_swells_bears_it_where_it_is_then(data):
+    """Where it was before is no equilibrium any more."""
+    column, full, plain = told(data, (SwellingDrift(rate=0.01),))
+    assert np.linalg.norm(column - full) < 0.03 * np.linalg.norm(plain)
 
 
 def test_a_lump_beside_what_softens_counts(data):
