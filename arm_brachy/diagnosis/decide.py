@@ -268,10 +268,11 @@ class Judge:
             far = first and first[0].evidence - one.evidence >= self.rules.rival
             if far or not self._claims(one) or self._gone(one):
                 continue
-            left = self._check(one)
-            if left.chance >= self.rules.alarm:
-                return one, left, refuted
-            first = first or (one, left)
+            for way in (one, *self._richer(one)):
+                left = self._check(way)
+                if left.chance >= self.rules.alarm:
+                    return way, left, refuted
+            first = first or (one, self._check(one))
             refuted.append(one.causes)
         return (*(first or (None, before)), [])
 
@@ -362,6 +363,17 @@ class Judge:
         best = self._simplest(variants, gains)
         chosen = logsumexp(gains) - np.log(len(gains)) - gains[best] + variants[0].log_prior
         return self._candidate((*rest, variants[best]), (*paid, float(chosen)))
+
+    def _richer(self, one):
+        """The variant that gains most of the cause of a Candidate, if more numbers: () or one."""
+        variants = self._variants[one.causes[0]]
+        gains = [self._all.gain(self._of((v,))) for v in variants]
+        best, = one.explanations
+        richest = variants[int(np.argmax(gains))]
+        if richest.columns.shape[1] <= best.columns.shape[1]:
+            return ()
+        return (self._candidate((richest,), (one.paid[0] - max(gains)
+                                             + self._all.gain(self._of((best,))),)),)
 
     def _simplest(self, variants, gains):
         """Number of the variant that gains most, but for numbers that it may owe to its response.

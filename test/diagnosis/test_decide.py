@@ -170,6 +170,17 @@ def test_a_second_number_has_to_show_more_than_what_the_first_has_wrong(world, s
     assert decision.accepted.causes == ('branches',) and len(decision.accepted.mean) == numbers
 
 
+def test_where_the_simpler_variant_leaves_something_the_richer_is_asked(world):
+    """Which of them holds is known from full fits."""
+    one, other = 30.0 * world.responses[2], 30.0 * world.responses[6]
+    variants = (Explanation('branches', 'one', one[:, None]),
+                Explanation('branches', 'two', np.stack([one, other], axis=1)))
+    decision = world.decide(
+        one + 0.02 * other, *variants, cause=lambda i: i not in (2, 6),
+        check=lambda found: SimpleNamespace(chance=0.0 if len(found.mean) == 1 else 0.5))
+    assert decision.verdict == 'named' and decision.accepted.explanations[0].variant == 'two'
+
+
 def test_nulls_are_left_alone():
     """60 recordings in which nothing is missing: no claim; at 8 nats chance allows e^-8 each."""
     verdicts = [World(100 + seed).decide(0.0).verdict for seed in range(60)]
