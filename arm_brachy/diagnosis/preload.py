@@ -13,8 +13,11 @@ from arm_brachy.core.errors import NotConverged
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.carried import Past
 from arm_brachy.diagnosis.forward import STAGES, ForwardModel
+from arm_brachy.diagnosis.rates import same_fields
 from arm_brachy.diagnosis.recording_fit import STATICS
 from arm_brachy.diagnosis.responses import rebuilt
+from arm_brachy.diagnosis.trajectory import evolve
+from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.newton import StaticSolver
 
 
@@ -23,14 +26,14 @@ def preload(data, terms, touch):
 
     data : recording_fit.Data with its baseline;  terms : of a hypothesis, at about their sizes
     The pad has been there since before the recording: what relaxes has relaxed. Memories follow
-    motions that are off by what it moves at rest. No column where the model neither remembers nor
-    goes by the clock, nor where no tangent leads to it (supports, contact).
+    motions that are off by what it moves at rest. No column where what never changed meets one
+    body all along, as beside relaxation, nor where no tangent leads there (supports, contact).
     Raises NotConverged where a state is not found, InvertedElement as terms do.
     """
     plain, terms = data.baseline, (*data.terms, *terms)
     model = ForwardModel(data.specimen, terms, options=STATICS,
                          past=Past(plain.trajectory, plain.model.body.mesh.nodes))
-    if not (model.remembers or model.timed) or rebuilt(plain.model.body, model.body):
+    if rebuilt(plain.model.body, model.body) or not _changes(model, plain.trajectory):
         return np.zeros((len(data.observables.rows), 0))
     changed, columns = Baseline(model, data.encoder, data.t, lasting=True), []
     for moved in touch * np.eye(len(model.body.pads)):
@@ -38,6 +41,13 @@ def preload(data, terms, touch):
         columns.append({kind: np.stack([one[kind] for one in change]) for kind in STAGES})
     return data.observables.whiten(
         {kind: np.stack([one[kind] for one in columns], axis=3) for kind in STAGES})
+
+
+def _changes(model, trajectory):
+    """True if a ForwardModel answers to what never changed otherwise in the course of a motion."""
+    fresh = StepFields.of(model.body)
+    return any(not same_fields(fields, fresh) for fields in evolve(
+        model.body, model.body_terms, trajectory, lasting=True))
 
 
 def _change(plain, changed, moved, motion):
