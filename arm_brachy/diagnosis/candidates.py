@@ -17,8 +17,8 @@ from arm_brachy.tissue.mesh import boundary_faces, volumes
 INTERIOR, SURFACE, BASE_PLACES = 60, 24, 12     # places in a body, on it, under it
 RELAXATION_TIMES = (0.5, 3.0, 15.0)     # s: what a recording of a minute tells apart
 SOFTENING_ENERGIES = (15.0, 150.0)      # J/m^3: strains of 7 and 22 %
-# Axes, diagonals of the faces and of the body of a cube: no direction is 28 degrees from all.
-# Azimuth, elevation [deg] of fibres
+# Azimuth, elevation [deg] of fibres: axes, diagonals of the faces and of the body of a cube, some
+# of them less than 28 degrees from any direction.
 TILT = float(np.degrees(np.arctan(np.sqrt(0.5))))
 FIBRES = ((0.0, 90.0), *((a, 0.0) for a in (0.0, 45.0, 90.0, 135.0)),
           *((a, 45.0) for a in (0.0, 90.0, 180.0, 270.0)),

@@ -51,8 +51,9 @@ class Rules:
     alarm: float = quantity(1e-3, '', 'chance of a structured test below which something is left',
                             low=1e-6, high=0.5, source='own choice: one in a thousand')
     bent: float = quantity(0.05, '', 'part of an effect that its response may have wrong',
-                           low=0.0, high=1.0, source='own choice: as much as any law; what is '
-                           'relaxed by a third answers to 2 % otherwise than to first order')
+                           low=0.0, high=1.0, source='own choice: as much as any law; of a '
+                           'relaxation by a third, planted with one branch, a second one took 20 '
+                           'of 65145 nats, 1.8 % of the effect')
     partners: int = 12   # causes, best first, that are tried in pairs
     alone: int = 3       # causes, best first, that are fitted in full alone
     weighed: int = 4     # causes, best first, whose full fits are compared
@@ -360,7 +361,7 @@ class Judge:
         rest = tuple(e for one in beside for e in one.explanations)
         paid = tuple(p for one in beside for p in one.paid)
         gains = np.array([self._all.gain(self._of((*rest, v))) for v in variants])
-        best = self._simplest(variants, gains)
+        best = self._simplest(variants, gains - (self._all.gain(self._of(rest)) if rest else 0.0))
         chosen = logsumexp(gains) - np.log(len(gains)) - gains[best] + variants[0].log_prior
         return self._candidate((*rest, variants[best]), (*paid, float(chosen)))
 
@@ -378,6 +379,7 @@ class Judge:
     def _simplest(self, variants, gains):
         """Number of the variant that gains most, but for numbers that it may owe to its response.
 
+        gains : log evidence that each variant adds to what it stands beside
         By as much as a response has wrong of a large effect, a second number fits better than one:
         half the square of that part of it.
         """
