@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.special import logsumexp
+from scipy.stats import chi2
 
 from arm_brachy.diagnosis.cause import Estimate
 from arm_brachy.diagnosis.fitted import TO_90, parts_of, tested_part
@@ -18,6 +19,7 @@ from arm_brachy.diagnosis.whereabouts import CENTRES, marker_place, place_of, pl
 
 VISIBLE = 3.0       # standard deviations that an effect of typical size must make to be seen
 MOST = 12           # alternatives that are told
+LOUD = 1e-3         # chance of noise, of all markers, below which one shows more than that
 TOLD = 0.5          # of its prior: a modulus less sure than that was not measured
 
 
@@ -130,17 +132,25 @@ def unexplained(assembly, worst, left):
     """(places, intervals) of what is left (N,); worst : number of the test that stands out.
 
     What all channels show together is where and when its test says: single markers say nothing.
+    Else also where the markers are that show more than noise.
     """
     label = assembly.tests[worst]
     if isinstance(label, Past):
         return places_of_test(label), _times(assembly, assembly.problem.tests[:, worst])
-    weights = {}
+    around = marker_place(assembly.matched[0].baseline.model.specimen.scene,
+                          _beyond_noise(assembly, left))
+    return (*places_of_test(label), *([] if around is None else [around])), _times(assembly, left)
+
+
+def _beyond_noise(assembly, left):
+    """Marker -> by how much the squares of what is left (N,) are more than noise makes them."""
+    squares = {}
     for m, rows in split_rows(assembly, left):
         for row, value in zip(m.observables.rows, rows, strict=True):
             if row.kind == OPTICAL:
-                weights[row.channel] = weights.get(row.channel, 0.0) + value**2
-    around = marker_place(assembly.matched[0].baseline.model.specimen.scene, weights)
-    return (*places_of_test(label), *([] if around is None else [around])), _times(assembly, left)
+                squares.setdefault(row.channel, []).append(value**2)
+    return {name: sum(some) - len(some) for name, some in squares.items()
+            if chi2.sf(sum(some), len(some)) < LOUD / len(squares)}
 
 
 def _times(assembly, values):
