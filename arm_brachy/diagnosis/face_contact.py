@@ -15,7 +15,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import inv, solve
+from scipy.linalg import inv
 
 ITERATIONS, MINIMISING, HALVINGS, LAGS = 25, 100, 10, 6
 KEPT = 8            # blocks of the compliance, and inverses
@@ -145,7 +145,7 @@ class FaceContact:
 
     def _shares(self, nodes, K, off):
         """Solution (a, 3) of (I + K C) p = off on some nodes (a,)."""
-        y = solve(self._stiffness(nodes) + K, off, overwrite_a=True, check_finite=False)  # C p
+        y = np.linalg.solve(self._stiffness(nodes) + K, off)        # C p
         return (off - K @ y).reshape(-1, 3)
 
     def _bent(self, p):

@@ -9,7 +9,7 @@ contact they are at
 C the compliance of these nodes (condensed, as in `interface`), g the gradient of the plant's
 contact potential (`tissue.contact`: layer, friction, anchors, where a face starts from). Friction
 depends on the path, so the states are walked in order of time through the corners between them, in
-steps of at most STEP.
+steps of at most `Walk.step`.
 
 Tissue stiffens under a pad that is pushed, so C is that of a bonded state whose pad is near, or
 of the deepest before it that would hold without its bonds. With pads within NEAR, against full
@@ -19,7 +19,7 @@ of the one loaded least, will do to find out what slips: 8 % and 16 %.
 Test: diagnosis/forward/test_slip.py
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,34 +32,51 @@ from arm_brachy.tissue.free_dofs import held_nodes, moved_from_rest
 from arm_brachy.tissue.jacobian import Equations, Linearisation
 from arm_brachy.tissue.mesh import interpolate
 
-STEP = 2e-3         # m that pads or tissue move at most before contact is found anew; 0.2 % of the
-                    # effect off what 1 mm gives
-CORNER = 0.02       # of the largest travel, that a path may be off between its corners
 NEAR = 1.5e-3       # m that loose pads may be from where C is known, for the numbers of a fit
-CLOSE, ROUGH = 1e-8, 1e-6   # m, of contact's last Newton step: for the numbers of a fit; to find
-                    # out what slips, which it changes by 0.7 % of the effect
 ACCURACY = 0.08     # error over effect, one standard deviation: own choice, positions at 9 mm
 BISECTIONS = 6      # of a step in which no balance is found
+
+
+@dataclass(frozen=True)
+class Walk:
+    """How closely a path is walked.
+
+    step : [m] that pads or tissue move at most before contact is found anew
+    corner : of the largest travel, that the path may be off between its corners
+    close : [m] of contact's last Newton step
+    """
+
+    step: float
+    corner: float
+    close: float
+
+
+FITTING = Walk(2e-3, 0.02, 1e-8)    # for numbers of a fit: 0.2 % of the effect off steps of 1 mm
+FINDING = Walk(4e-3, 0.1, 1e-6)     # to find out what slips: 1 % of the effect off FITTING, at a
+                                    # quarter of the time (phantom of the study of terms)
 
 
 class Loosened:
     """A baseline's body with a pad touching, condensed to the nodes under it.
 
     baseline : baseline.Baseline;  body : SoftBody of its model, one pad with a face
-    near : [m] as in `slip_change`
+    near : [m] as in `slip_change`;  close : [m] of contact's last Newton step
     loose : (p,) True for these;  nodes : (k,)
     Raises InputError for a pad that touches nothing along its direction, NotConverged where the
     body without this pad is not stable.
     """
 
-    def __init__(self, baseline, body, near):
+    def __init__(self, baseline, body, near, close):
         contact = PadContact(body)
         self.baseline, self.loose = baseline, contact.touching
         self._solver, self._statics = contact.solver, contact.solver.statics
         self.nodes, self._faces = _faces(contact)
         self._known = {}
-        self._close = CLOSE if np.isfinite(near) else ROUGH
+        self._close = close
         self._place = self._places(near)
+        self._clear, self._led = np.empty((len(self._place), len(self.nodes), 3)), {}
+        for place in np.unique(self._place):
+            self._clear[self._place == place], self._led[place] = self._without_contact(place)
 
     def contact(self, i):
         """The FaceContact about state i."""
@@ -70,12 +87,24 @@ class Loosened:
 
         pads : (p, 3) [m]
         """
-        b, linear, body = self.baseline, self._known[self._place[i]][0], self._solver.body
-        held, motion = held_nodes(body), np.zeros((linear.x.size, 1))
-        goal = moved_from_rest(body, pads[~self.loose])
-        motion[_rows(held), 0] = (goal - b.x(i))[held].ravel()
-        moved = linear.respond(motion, b.forces[i].reshape(-1, 1))   # the bonds that are gone
-        return b.x(i)[self.nodes] + moved[_rows(self.nodes), 0].reshape(-1, 3)
+        further = (pads - self.baseline.pads(i))[~self.loose]
+        return self._clear[i] + np.einsum('kabc,bc->ka', self._led[self._place[i]], further)
+
+    def _without_contact(self, place):
+        """((m, k, 3) [m] of the states of one place, (k, 3, b, 3) by the pads that are bonded).
+
+        The bonds that are gone let the tissue follow; so do its nodes where pads go further.
+        """
+        b, body, linear = self.baseline, self._solver.body, self._known[place][0]
+        held, states = _rows(held_nodes(body)), np.flatnonzero(self._place == place)
+        motion = np.zeros((linear.x.size, len(states)))
+        for column, i in zip(motion.T, states, strict=True):
+            goal = moved_from_rest(body, b.pads(i)[~self.loose])
+            column[held] = (goal - b.x(i)).ravel()[held]
+        forces = np.stack([b.forces[i].ravel() for i in states], axis=1)
+        moved = linear.respond(motion, forces)[_rows(self.nodes)]
+        x = np.stack([b.x(i)[self.nodes] for i in states])
+        return x + moved.T.reshape(x.shape), linear.state_sensitivity()[self.nodes]
 
     def _places(self, near):
         """(n,) states whose compliance each takes: that loaded least with the loose pad near."""
@@ -114,7 +143,8 @@ def slip_change(baseline, body, near=np.inf, back=0.0):
 
     baseline : baseline.Baseline of a model without memory, which keeps what each pad does
     body : SoftBody of its model, some pads with a face
-    near : [m] that a loose pad may be from where a compliance is known, inf = one will do
+    near : [m] that a loose pad may be from where a compliance is known; inf = one will do, and
+        the path is walked as FINDING does
     back : (p,) or float [m] that a loose pad stands back from where the tissue is at rest
     The sum over pads: what slips under one is hardly noticed under the next. Rows of states from
     where on no balance is found are NaN. Raises as Loosened.
@@ -133,31 +163,33 @@ def slip_change(baseline, body, near=np.inf, back=0.0):
 
 def _one_loose(baseline, body, near, back):
     """The changes (n, r) by the one pad of `body` that touches."""
-    loosened, kept = Loosened(baseline, body, near), _corners(baseline)
+    walk = FITTING if np.isfinite(near) else FINDING
+    loosened, kept = Loosened(baseline, body, near, walk.close), _corners(baseline, walk.corner)
     pads, number = baseline.trajectory.pads[kept], np.searchsorted(kept, baseline.at)
     ways = (pads - back * baseline.model.directions)[:, loosened.loose]
     about = np.array([_nearest(baseline, there) for there in pads])
-    walk = dict(enumerate(_walked(loosened, body.mesh.nodes[loosened.nodes], pads, ways, about)))
+    rest = body.mesh.nodes[loosened.nodes]
+    found = dict(enumerate(_walked(loosened, rest, pads, ways, about, walk.step)))
     out = np.full((len(baseline.t), len(baseline.sensitivity(0).force)), np.nan)
     for i, k in enumerate(number):
-        if k in walk:
-            out[i] = _change(loosened, i, about[k], walk[k])
+        if k in found:
+            out[i] = _change(loosened, i, about[k], found[k])
     return out
 
 
-def _corners(baseline):
-    """Instants of the trajectory that are states or corners of the path."""
+def _corners(baseline, corner):
+    """Instants of the trajectory that are states or corners of the path, as in Walk."""
     pads = baseline.trajectory.pads.reshape(len(baseline.trajectory.t), -1)
     travel = float(np.ptp(pads, axis=0).max(initial=0.0))
-    return np.union1d(corners_of(baseline.trajectory.t, pads, CORNER * travel), baseline.at)
+    return np.union1d(corners_of(baseline.trajectory.t, pads, corner * travel), baseline.at)
 
 
-def _walked(loosened, rest, pads, faces, about):
+def _walked(loosened, rest, pads, faces, about, step):
     """Yield the Touching at every instant, until no balance is found.
 
     rest : (k, 3) [m] where faces and tissue met before anything was loaded, as the plant starts
     pads : (m, p, 3) [m];  faces : (m, t, 3) [m] of those that touch
-    about : (m,) states of the baseline that are their references
+    about : (m,) states of the baseline that are their references;  step : [m] as in Walk
     """
     ways = faces[0] - pads[0][loosened.loose]
     state = loosened.contact(about[0]).start(rest, ways)
@@ -165,7 +197,7 @@ def _walked(loosened, rest, pads, faces, about):
         contact, clear = loosened.contact(i), loosened.untouched(i, bonded)
         free = contact.untouched(state)
         far = max(np.abs(there - ways).max(), np.abs(clear - free).max())
-        size = 1.0 / max(1, int(np.ceil(far / STEP)))
+        size = 1.0 / max(1, int(np.ceil(far / step)))
         t, least = 0.0, size * 0.5 ** BISECTIONS
         while t < 1.0:
             ahead = 1.0 if t + size > 1.0 - least else t + size
