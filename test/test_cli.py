@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from rich.console import Console
@@ -18,8 +19,12 @@ from arm_brachy.cli import COMMANDS, bags, main, output
 from arm_brachy.cli import run as cli_run
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import share_dir
+from arm_brachy.core.scene import load_scene
 from arm_brachy.evaluation.result import Result, Target
 from arm_brachy.experiments.catalogue import EXPERIMENTS
+from arm_brachy.tissue.mesh import load_mesh
+from arm_brachy.tissue.outlines import crossing
+from arm_brachy.tissue.rims import outline
 
 RESULT_KEYS = {'name', 'seed', 'commit', 'machine', 'rows', 'targets'}
 ENCODERS = 't_s,q0\n0.00,0.000\n0.01,0.001\n0.02,0.002\n'
@@ -211,6 +216,29 @@ def test_a_mesh_is_made_with_its_figures_and_never_overwritten(tmp_path):
     again = run(*args)
     assert again.exit_code == 2 and 'beam.msh: exists; name another file' in again.stderr
     assert (tmp_path / 'beam.msh').read_bytes() == before
+
+
+def test_a_mesh_for_a_scene_has_the_rims_of_its_pads_among_its_edges(tmp_path):
+    """Closed outlines on the cylinders of all pads, which a mesh of the surface alone lacks."""
+    scenes = share_dir() / 'config/scenes'
+    made = {}
+    for name, wish in (('rims', ('--scene', scenes / 'breast.yaml')), ('plain', ())):
+        args = ('mesh', scenes / 'breast/breast.stl', tmp_path / f'{name}.msh',
+                '--edge-length-mm', 20, *wish)
+        assert run(*args).exit_code == 0
+        made[name] = load_mesh(tmp_path / f'{name}.msh')
+    for patch in load_scene(scenes / 'breast.yaml').pads:
+        edges = outline(made['rims'], patch)
+        assert len(edges) >= 8 and np.all(np.unique(edges, return_counts=True)[1] == 2)
+        assert len(crossing(made['rims'], patch)) == 0 < len(crossing(made['plain'], patch))
+
+
+def test_a_mesh_for_the_pads_of_a_scene_without_any_is_refused(tmp_path):
+    scene = share_dir() / 'config/scenes/silicone_beam.yaml'
+    answer = run('mesh', scene.parent / 'silicone_beam/beam.stl', tmp_path / 'beam.msh',
+                 '--edge-length-mm', 25, '--scene', scene)
+    assert answer.exit_code == 2 and 'pads = none; must be one at least' in answer.stderr
+    assert not (tmp_path / 'beam.msh').exists()
 
 
 def result(rows, targets=()):

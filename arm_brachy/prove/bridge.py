@@ -19,7 +19,6 @@ from arm_brachy.tissue.meshing import write_mesh
 
 FEWEST, MOST = 1900, 2600       # tetrahedra of a mesh, quadratic
 FIRST_EDGE = 0.16               # of the cube root of the volume; then searched
-ENVELOPE, DEPTH = 0.06, 0.45    # of the edge length; of the smallest pad's radius
 TRIES = 8
 START = 0.5                     # s, added to all times: a clock that is early begins after 0 too
 BASE, ON = 'base_', 'on_'       # what names of markers on the base and on pads begin with
@@ -36,8 +35,7 @@ def mesh_body(body, path):
     patches, middle = _pads(body), 0.5 * (FEWEST + MOST)
     edge, found = FIRST_EDGE * np.cbrt(surface.volume), None
     for _ in range(TRIES):
-        mesh = mesh_with_discs(surface, patches, edge_length=edge, envelope=ENVELOPE * edge,
-                               depth=DEPTH * min(p.radius for p in patches), unit='m')
+        mesh = mesh_with_discs(surface, patches, edge_length=edge, unit='m')
         if found is None or abs(len(mesh.tets) - middle) < abs(len(found.tets) - middle):
             found = mesh
         if FEWEST <= len(mesh.tets) <= MOST:

@@ -90,7 +90,7 @@ def mesh_surface(source, *, edge_length, unit='mm', envelope=0.03):
     working directory changes during the call: not for use beside other threads.
     """
     surface, repairs = read_surface(source, unit=unit)
-    _check_edge_length(surface, edge_length)
+    check_edge_length(surface, edge_length)
     return _mesh(surface, edge_length, envelope, repairs)
 
 
@@ -123,17 +123,22 @@ def mesh_with_count(source, *, tets=None, nodes=None, unit='mm', envelope=0.03, 
                     f'within {tolerance:.2%}; raise tolerance, tries or envelope')
 
 
-def mesh_command(surface, output, *, edge_length_mm, unit='mm'):
-    """Mesh a surface file into a mesh file; what `arm-brachy mesh` prints.
+def report_of(surface, mesh, edge_length, repairs=()):
+    """Return the MeshReport of a TetMesh that was made of a trimesh.Trimesh [m].
 
-    surface : path of the surface;  output : path to write, format by its extension (.msh, .vtu)
-    edge_length_mm : wished for;  unit : 'm' or 'mm', of the surface file
-    Returns the rows of the quality table; the mesh file is in metres. Raises MeshError.
+    edge_length : asked for [m];  repairs : to the surface, see `read_surface`
     """
-    _format_of(output)
-    mesh, report = mesh_surface(surface, edge_length=edge_length_mm * 1e-3, unit=unit)
-    write_mesh(output, mesh)
-    return {'surface': str(surface), 'mesh': str(output)} | report.rows()
+    quality, angles = mean_ratio(mesh), dihedral_angles(mesh)
+    corners = mesh.nodes[mesh.tets]
+    edges = np.linalg.norm(corners[:, EDGES[:, 1]] - corners[:, EDGES[:, 0]], axis=2)
+    volume = float(signed_volumes(mesh.nodes, mesh.tets).sum())
+    return MeshReport(
+        n_nodes=len(mesh.nodes), n_tets=len(mesh.tets), edge_length=float(edge_length),
+        volume=volume, volume_error=float(volume / surface.volume - 1.0),
+        surface_distance=_distance(surface, mesh),
+        min_quality=float(quality.min()), mean_quality=float(quality.mean()),
+        min_dihedral=float(angles.min()), max_dihedral=float(angles.max()),
+        shortest_edge=float(edges.min()), longest_edge=float(edges.max()), repairs=repairs)
 
 
 def write_mesh(path, mesh):
@@ -141,7 +146,7 @@ def write_mesh(path, mesh):
 
     path : file to write;  mesh : TetMesh. Raises MeshError for an extension meshio cannot write.
     """
-    kind = _format_of(path)
+    kind = format_of(path)
     tags = [np.ones(len(mesh.tets), dtype=np.int32)]
     data = {'gmsh:physical': tags, 'gmsh:geometrical': tags} if kind == 'gmsh22' else {}
     out = meshio.Mesh(mesh.nodes, [('tetra', mesh.tets)], cell_data=data)
@@ -180,7 +185,8 @@ def _edge_length_range(surface):
     return np.cbrt(surface.volume / (REGULAR_VOLUME * MOST_TETS)), surface.extents.min()
 
 
-def _check_edge_length(surface, edge_length):
+def check_edge_length(surface, edge_length):
+    """Raise MeshError for an edge length [m] with which no sensible mesh of a surface is made."""
     shortest, longest = _edge_length_range(surface)
     if not shortest <= edge_length <= longest:  # NaN fails too
         raise MeshError(f'edge_length = {edge_length * 1e3:.4g} mm; must be {shortest * 1e3:.3g} '
@@ -211,7 +217,7 @@ def _next_length(tried, last, wanted, allowed):
 
 def _mesh(surface, edge_length, envelope, repairs):
     mesh = positive(*tetrahedralize(surface, edge_length, envelope * edge_length))
-    return mesh, _report(surface, mesh, edge_length, repairs)
+    return mesh, report_of(surface, mesh, edge_length, repairs)
 
 
 def tetrahedralize(surface, edge_length, envelope):
@@ -243,20 +249,6 @@ def positive(nodes, tets):
     return TetMesh(nodes[used], tets.reshape(-1, 4))
 
 
-def _report(surface, mesh, edge_length, repairs):
-    quality, angles = mean_ratio(mesh), dihedral_angles(mesh)
-    corners = mesh.nodes[mesh.tets]
-    edges = np.linalg.norm(corners[:, EDGES[:, 1]] - corners[:, EDGES[:, 0]], axis=2)
-    volume = float(signed_volumes(mesh.nodes, mesh.tets).sum())
-    return MeshReport(
-        n_nodes=len(mesh.nodes), n_tets=len(mesh.tets), edge_length=float(edge_length),
-        volume=volume, volume_error=float(volume / surface.volume - 1.0),
-        surface_distance=_distance(surface, mesh),
-        min_quality=float(quality.min()), mean_quality=float(quality.mean()),
-        min_dihedral=float(angles.min()), max_dihedral=float(angles.max()),
-        shortest_edge=float(edges.min()), longest_edge=float(edges.max()), repairs=repairs)
-
-
 def _distance(surface, mesh):
     """Largest distance between two triangulations, at corners and face centres, both ways [m]."""
     outer = trimesh.Trimesh(mesh.nodes, boundary_faces(mesh), process=False)
@@ -272,7 +264,7 @@ def _farthest_squared(points_of, other):
     return np.max(squared)
 
 
-def _format_of(path):
+def format_of(path):
     """meshio's name of the format that belongs to a path; `.msh` is pinned to Gmsh 2.2."""
     suffix = Path(path).suffix.lower()
     if suffix == '.msh':

@@ -11,6 +11,7 @@ from arm_brachy.core.errors import MeshError
 from arm_brachy.tissue import meshing
 from arm_brachy.tissue.body import TetMesh
 from arm_brachy.tissue.mesh import boundary_faces, load_mesh
+from arm_brachy.tissue.mesh_command import mesh_command
 
 BOX_MM = (30.0, 40.0, 50.0)
 
@@ -97,7 +98,7 @@ def test_count_is_reached_where_it_does_not_fall_with_length(monkeypatch, wanted
 def test_written_file_reads_back(tmp_path, name):
     surface = tmp_path / 'box.stl'
     box().export(surface)
-    rows = meshing.mesh_command(surface, tmp_path / name, edge_length_mm=20.0, unit='mm')
+    rows = mesh_command(surface, tmp_path / name, edge_length_mm=20.0, unit='mm')
     mesh = load_mesh(tmp_path / name)
     assert (len(mesh.nodes), len(mesh.tets)) == (rows['nodes'], rows['tetrahedra'])
     assert meshio.read(tmp_path / name).cells_dict['tetra'].shape == (rows['tetrahedra'], 4)
@@ -112,4 +113,4 @@ def test_edge_length_out_of_range_is_refused(edge_length):
 
 def test_unknown_output_format_is_refused_before_meshing(tmp_path):
     with pytest.raises(MeshError, match=r'cannot write \.doc'):
-        meshing.mesh_command(tmp_path / 'absent.stl', tmp_path / 'out.doc', edge_length_mm=5.0)
+        mesh_command(tmp_path / 'absent.stl', tmp_path / 'out.doc', edge_length_mm=5.0)
