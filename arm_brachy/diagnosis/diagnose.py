@@ -12,6 +12,7 @@ from arm_brachy.core.random import stream
 from arm_brachy.core.term import Kind
 from arm_brachy.diagnosis import conclude
 from arm_brachy.diagnosis.asking import asked
+from arm_brachy.diagnosis.blur import cut_rims, hidden
 from arm_brachy.diagnosis.diagnosis import Diagnosis
 from arm_brachy.diagnosis.figures import body_of
 from arm_brachy.diagnosis.forward import ForwardModel
@@ -104,7 +105,8 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     provenance = replace(provenance, recordings=_recordings(looked, tested, sound))
     left = ensemble.limit.left if judgement.at_limit else ensemble
     request = asked(judgement.assembly, judgement.decision, left, calibration)
-    return _answer(judgement, found, looked, provenance, ratio, left_out, request)
+    return _answer(judgement, found, looked, provenance, ratio, left_out, request,
+                   None if null else left)
 
 
 def _look(evidences, calibration, say):
@@ -144,7 +146,8 @@ def _recordings(looked, tested, sound):
                  for one in group)
 
 
-def _answer(judgement, found, looked, provenance, ratio, left_out, request):
+def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur):
+    """blur : mesh_errors.Ensemble of what the mesh may be wrong by, None where nulls tell."""
     assembly, decision, fault = judgement.assembly, judgement.decision, judgement.fault
     tests = judgement.tests
     accepted, specimen = decision.accepted, assembly.matched[0].baseline.model.specimen
@@ -154,7 +157,8 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request):
     when = [] if accepted is None else conclude.times_of(assembly, accepted)
     fitted = [judgement.fits.of(one) for one in (accepted, *decision.equals) if one is not None]
     best = fitted[0] if fitted else None
-    notes = [*left_out, *judgement.notes, *_notes(looked),
+    errors = conclude.errors_of(assembly, best, ratio, tests)
+    notes = [*left_out, *cut_rims(specimen), *judgement.notes, *_notes(looked),
              *(note for one in fitted for note in one.notes)]
     causes, where, when = with_findings(found, scene, causes, where, when, decision)
     left = conclude.left_over(assembly, explanations)
@@ -174,11 +178,13 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request):
         when += [interval_of(finding, name) for finding, name in found.nameless]
     if fault is not None and decision.verdict == 'unexplained':
         notes.append(MORE)
+    if verdict == 'nothing_missing' and blur is not None:
+        notes += hidden(blur, assembly.matched, errors)
     diagnosis = Diagnosis(
         verdict,
         provenance, tuple(causes), tuple(where), tuple(when),
         conclude.alternatives_of(assembly, decision, {c.term for c in causes}),
-        conclude.errors_of(assembly, best, ratio, tests), request,
+        errors, request,
         conclude.recalibrated(assembly, scene, explanations, Priors().modulus,
                               best.scale if best else None),
         held_out=accepted.held_out if accepted else None, chance=decision.left.chance,
