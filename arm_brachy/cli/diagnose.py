@@ -113,6 +113,8 @@ def _show(found, folder):
     if found.fit:
         show_table(summary('held-out error (rms per axis)', tuple(map(_row, found.fit)),
                            seed=found.provenance.seed))
+    for note in found.notes:
+        console.print(f'note      {note}', highlight=False)
     if found.next_experiment is not None:
         console.print(f'next      {words.request(found.next_experiment)}', highlight=False)
     if found.scene:

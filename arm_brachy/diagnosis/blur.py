@@ -3,14 +3,15 @@
 Test: diagnosis/test_blur.py
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from arm_brachy.diagnosis.statements import edge_unit
-from arm_brachy.diagnosis.wording import figures, listed
-from arm_brachy.diagnosis.words import STREAMS
+from arm_brachy.diagnosis.wording import listed
 from arm_brachy.tissue.outlines import crossing
 
-SEEN = 2.0      # times the noise: an error held out, and what meshes differ by, worth a word
+FINER = ('What the mesh may be wrong by is allowed for: what is smaller shows with a finer mesh, '
+         'or with a recording of the same set-up in which nothing is wrong (--null).')
 
 
 def cut_rims(specimen):
@@ -25,25 +26,13 @@ def cut_rims(specimen):
             'SCENE` makes a mesh that follows the rims of pads.',)
 
 
-def hidden(ensemble, matched, fits):
-    """Sentences on what meshes as good as the model's differ by, where that is above the noise.
+def with_mesh(fits, ensemble, matched):
+    """Return statements.StreamFit with what the mesh may be wrong by.
 
-    ensemble : mesh_errors.Ensemble;  matched : Matched recordings without causes
-    fits : statements.StreamFit on what was held out of them
+    ensemble : mesh_errors.Ensemble;  matched : Matched recordings, without causes
     """
     errors = [ensemble.along(m.baseline).values for m in matched]
-    told = []
-    for fit in fits:
-        size = _rms([of[fit.stream] for of in errors])
-        if min(fit.reached, size) > SEEN * fit.noise_floor:
-            unit, scale = edge_unit(fit.stream)
-            blur, floor = figures((size / scale, fit.noise_floor / scale))
-            told.append(f'{blur} {unit} in the {STREAMS[fit.stream][0]} (noise {floor} {unit})')
-    if not told:
-        return ()
-    return (f'Meshes as good as this one may be off by {listed(told)}. That is allowed for: what '
-            'is smaller shows with a finer mesh, or with a recording of the same set-up in which '
-            'nothing is wrong (--null).',)
+    return tuple(replace(fit, mesh=_rms([of[fit.stream] for of in errors])) for fit in fits)
 
 
 def _rms(columns):

@@ -12,7 +12,7 @@ from arm_brachy.core.random import stream
 from arm_brachy.core.term import Kind
 from arm_brachy.diagnosis import conclude
 from arm_brachy.diagnosis.asking import asked
-from arm_brachy.diagnosis.blur import cut_rims, hidden
+from arm_brachy.diagnosis.blur import FINER, cut_rims, with_mesh
 from arm_brachy.diagnosis.diagnosis import Diagnosis
 from arm_brachy.diagnosis.figures import body_of
 from arm_brachy.diagnosis.forward import ForwardModel
@@ -158,6 +158,7 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
     fitted = [judgement.fits.of(one) for one in (accepted, *decision.equals) if one is not None]
     best = fitted[0] if fitted else None
     errors = conclude.errors_of(assembly, best, ratio, tests)
+    errors = errors if blur is None else with_mesh(errors, blur, assembly.matched)
     notes = [*left_out, *cut_rims(specimen), *judgement.notes, *_notes(looked),
              *(note for one in fitted for note in one.notes)]
     causes, where, when = with_findings(found, scene, causes, where, when, decision)
@@ -178,8 +179,8 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
         when += [interval_of(finding, name) for finding, name in found.nameless]
     if fault is not None and decision.verdict == 'unexplained':
         notes.append(MORE)
-    if verdict == 'nothing_missing' and blur is not None:
-        notes += hidden(blur, assembly.matched, errors)
+    if verdict == 'nothing_missing' and any(one.blurred for one in errors):
+        notes.append(FINER)
     diagnosis = Diagnosis(
         verdict,
         provenance, tuple(causes), tuple(where), tuple(when),

@@ -203,7 +203,7 @@ def _fit(one):
     unit, scale = edge_unit(one.stream)
     rmse = {key: None if value is None else value / scale for key, value in (
         ('as_given', one.as_given), ('recalibrated', one.recalibrated),
-        ('with_the_causes', one.named), ('noise_floor', one.noise_floor))}
+        ('with_the_causes', one.named), ('noise_floor', one.noise_floor), ('mesh', one.mesh))}
     return {'stream': one.stream, 'unit': unit, **rmse, 'held_out': one.held_out}
 
 

@@ -12,6 +12,7 @@ from arm_brachy.diagnosis.stream import UNITS
 REGIMES = Literal['', 'rest', 'hold', 'load', 'unload', 'rate', 'amplitude', 'direction',
                   'past_maximum']
 EDGE = {'m': 'mm', 'N': 'N'}   # unit of a stream -> unit in which people read it
+SEEN = 2.0      # times the noise: an error, and what a mesh may make, that are more than noise
 
 
 def edge_unit(stream):
@@ -126,6 +127,7 @@ class StreamFit:
     as_given : the scene as it came;  recalibrated : its parameters fitted, no new physics
     named : with the causes that were found, None if none was
     noise_floor : what a perfect model would leave;  held_out : in words ('pad_3, run_2')
+    mesh : what the mesh may be wrong by beside that, None where a null recording tells
     """
 
     stream: str
@@ -134,6 +136,7 @@ class StreamFit:
     noise_floor: float
     named: float | None = None
     held_out: str = ''
+    mesh: float | None = None
 
     def __post_init__(self):
         if self.stream not in UNITS:
@@ -143,6 +146,11 @@ class StreamFit:
     def reached(self):
         """Error with everything that was found."""
         return self.recalibrated if self.named is None else self.named
+
+    @property
+    def blurred(self):
+        """True if what is left is more than noise, and may be the mesh's."""
+        return self.mesh is not None and min(self.reached, self.mesh) > SEEN * self.noise_floor
 
 
 @dataclass(frozen=True)

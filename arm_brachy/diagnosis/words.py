@@ -36,14 +36,16 @@ def _named(d):
 def _nothing(d):
     if not d.fit:
         return 'Nothing is missing from the model that these recordings could show.'
-    return f'Nothing is missing: held out, {listed([_floor(one) for one in d.fit])}.'
+    seen = ' that this mesh lets show' if any(one.blurred for one in d.fit) else ''
+    return f'Nothing is missing{seen}: held out, {listed([_floor(one) for one in d.fit])}.'
 
 
 def _floor(one):
     unit, scale = edge_unit(one.stream)
-    error, floor = figures((one.reached / scale, one.noise_floor / scale))
+    error, floor, *blur = figures(tuple(value / scale for value in (
+        one.reached, one.noise_floor, *([one.mesh] if one.blurred else []))))
     return (f'the error of the {STREAMS[one.stream][0]} is {error} {unit} (noise alone: '
-            f'{floor} {unit})')
+            f'{floor} {unit}{"".join(f", mesh: up to {value} {unit}" for value in blur)})')
 
 
 def _equivalent(d):
@@ -177,8 +179,9 @@ def certainty(d):
                      if d.verdict == 'equivalent' else
                      f'The nearest rival is {d.apart:.1f} standard deviations away.')
     if d.chance is not None:
-        parts.append(f'Noise alone would leave as much as is left in {share(d.chance)} of '
-                     'recordings.')
+        cause = 'Noise alone' if not any(one.blurred for one in d.fit) else (
+            'Noise and what the mesh may be wrong by')
+        parts.append(f'{cause} would leave as much as is left in {share(d.chance)} of recordings.')
     return ' '.join(parts)
 
 

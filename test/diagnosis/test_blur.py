@@ -7,7 +7,8 @@ import pytest
 
 from arm_brachy.core.paths import share_dir
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.blur import cut_rims, hidden
+from arm_brachy.diagnosis import words
+from arm_brachy.diagnosis.blur import cut_rims, with_mesh
 from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.statements import StreamFit
 from arm_brachy.tissue.meshing import mesh_surface
@@ -23,13 +24,20 @@ def test_a_mesh_of_the_surface_alone_cuts_rims_that_the_scenes_own_follows():
     assert all(pad.name in said for pad in scene.pads) and '--scene' in said
 
 
-@pytest.mark.parametrize(('off', 'error', 'told'), [(1e-4, 1e-4, True), (1e-4, 2e-5, False),
-                                                    (2e-5, 1e-4, False)])
-def test_an_error_above_the_noise_that_meshes_may_make_is_told(off, error, told):
-    """Two columns of `off` / sqrt 2 in all channels: a deviation of `off`; noise of 20 um."""
-    columns = np.full((4, 3, 3, 2), off / np.sqrt(2.0))
+def test_what_the_mesh_may_be_wrong_by_is_told_beside_the_noise():
+    """Two columns of 100 um / sqrt 2 in all channels: a deviation of 100 um."""
+    columns = np.full((4, 3, 3, 2), 1e-4 / np.sqrt(2.0))
     ensemble = SimpleNamespace(along=lambda baseline: SimpleNamespace(values={'optical': columns}))
-    said = hidden(ensemble, (SimpleNamespace(baseline=None),),
-                  (StreamFit('optical', 1.0, error, 2e-5),))
-    assert len(said) == told
-    assert all('0.100 mm in the optical markers (noise 0.020 mm)' in one for one in said)
+    fit, = with_mesh((StreamFit('optical', 1.0, 1e-4, 2e-5),), ensemble,
+                     (SimpleNamespace(baseline=None),))
+    assert fit.mesh == pytest.approx(1e-4, rel=1e-12) and fit.blurred
+
+
+@pytest.mark.parametrize(('mesh', 'error', 'blurred'), [
+    (1e-4, 1e-4, True), (1e-4, 2e-5, False), (2e-5, 1e-4, False), (None, 1e-4, False)])
+def test_a_sentence_does_not_call_nothing_what_the_mesh_may_hide(mesh, error, blurred):
+    """Noise of 20 um: an error well above it that the mesh may make is no clean bill."""
+    fit = StreamFit('optical', 1.0, error, 2e-5, mesh=mesh)
+    said = words.verdict(SimpleNamespace(verdict='nothing_missing', fit=(fit,)))
+    assert ('that this mesh lets show' in said) == blurred
+    assert ('mesh: up to 0.100 mm' in said) == blurred
