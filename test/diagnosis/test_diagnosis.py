@@ -95,7 +95,7 @@ def test_fit_is_per_stream_in_its_unit(answers):
     optical, force = body(answers['named'])['fit']
     assert optical == {'stream': 'optical', 'unit': 'mm', 'as_given': pytest.approx(0.62),
                        'recalibrated': pytest.approx(0.41), 'with_the_causes': pytest.approx(0.16),
-                       'noise_floor': pytest.approx(0.15), 'held_out': 'pairs'}
+                       'noise_floor': pytest.approx(0.15), 'mesh': None, 'held_out': 'pairs'}
     assert force['unit'] == 'N' and force['noise_floor'] == pytest.approx(0.03)
     assert body(answers['nothing_missing'])['fit'][0]['with_the_causes'] is None
 
