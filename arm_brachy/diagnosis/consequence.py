@@ -29,7 +29,7 @@ def share_followed(prepared, travel, late, pad, t_step, shortfall):
             continue
         then = stream.t - late.get(kind, 0.0)
         plain = _columns(then, (t, q), prepared, kind)
-        short = _columns(then, (t, moved), prepared, kind, size=np.abs(q).max())
+        short = _columns(then, (t, moved), prepared, kind, like=q)
         step = {'step': (stream.t >= t_step).astype(float)}
         for k in range(len(stream.names)):
             found = _one(stream, noise, k, plain, short, step)
@@ -41,9 +41,9 @@ def share_followed(prepared, travel, late, pad, t_step, shortfall):
     return float(np.sum(weights * shares) / weights.sum()), float(weights.sum() ** -0.5)
 
 
-def _columns(then, travel, prepared, kind, size=None):
+def _columns(then, travel, prepared, kind, like=None):
     return {'1': np.ones(len(then))} | history_columns(
-        then, travel, prepared.motion.touch, memory=kind == FORCE, size=size)
+        then, travel, prepared.motion.touch, memory=kind == FORCE, like=like)
 
 
 def _one(stream, noise, k, plain, short, step):

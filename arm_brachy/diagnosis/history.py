@@ -19,20 +19,22 @@ def moving(q, touch):
     return np.flatnonzero(np.nanmax(np.abs(q), axis=0) > touch)
 
 
-def history_columns(t, travel, touch, *, memory=True, size=None):
+def history_columns(t, travel, touch, *, memory=True, like=None):
     """Columns name -> (n,) at times t (n,) [s], from the pads' travel.
 
     travel : (tt (m,) [s], q (m, p) [m]), straight between samples
     touch : [m] pads that never push further are left out
+    like : (m, p) [m] travel that says which columns there are and scales them; None = q
     Powers of each push, products of pads that push at the same time, and memories of each push.
-    Every column is of order one: lengths are scaled by `size` [m], by default the largest travel.
+    Every column is of order one: lengths are scaled by the largest travel.
     """
     tt, q = travel
-    pads = moving(q, touch)
-    size = max(float(np.abs(q).max()), 1e-12) if size is None else size
+    like = q if like is None else like
+    pads = moving(like, touch)
+    size = max(float(np.abs(like).max()), 1e-12)
     u = np.stack([np.interp(t, tt, q[:, i]) for i in pads], axis=1) / size
     columns = {f'q{i}^{k}': u[:, j] ** k for j, i in enumerate(pads) for k in POWERS}
-    together = np.abs(q[:, pads]) > touch
+    together = np.abs(like[:, pads]) > touch
     for a in range(len(pads)):
         for b in range(a + 1, len(pads)):
             if np.any(together[:, a] & together[:, b]):

@@ -13,9 +13,9 @@ ONSET = 9.0
 def happened(laboratory, short_pushes, look):
     """(terms, disturb) -> Finding each."""
 
-    def record(*entries, disturb=None, seed=21):
+    def record(*entries, disturb=None, seed=21, moves=None):
         lab = laboratory(parse_terms(list(entries), 'test'), seed, disturb=disturb)
-        return look(lab.record(short_pushes()))[1].findings
+        return look(lab.record(moves or short_pushes()))[1].findings
 
     return record
 
@@ -42,6 +42,17 @@ def test_lost_steps_move_the_pad_and_what_follows_it(happened):
     assert found.value == pytest.approx(6e-4, rel=0.05)
     assert found.parameters['actuators'] == (2,)
     assert found.parameters['onset'] == pytest.approx(ONSET, abs=0.03)
+
+
+def test_lost_steps_that_are_made_up_for_while_other_pads_push(happened, short_pushes):
+    """From then on the encoder of pad_2 is never home, and pushes that are alone look like pairs."""
+    half = len(short_pushes()) // 2
+    moves = [(q + 6e-4 * (k >= half) * np.eye(3)[2], speed, hold)
+             for k, (q, speed, hold) in enumerate(short_pushes())]
+    found, = happened({'name': 'lost_steps', 'shortfall_mm': 0.6, 'onset_s': ONSET,
+                       'actuators': [2]}, moves=moves)
+    assert found.term == 'lost_steps' and found.parameters['actuators'] == (2,)
+    assert found.value == pytest.approx(6e-4, rel=0.05)
 
 
 def test_a_pad_marker_that_slips_along_the_push_moves_nothing_else(happened, laboratory):
