@@ -26,15 +26,16 @@ def preload(data, terms, touch):
 
     data : recording_fit.Data with its baseline;  terms : of a hypothesis, at about their sizes
     The pad has been there since before the recording: what relaxes has relaxed. Memories follow
-    motions that are off by what it moves at rest. No column where what never changed meets one
-    body all along, as beside relaxation, nor where no tangent leads there (supports, contact).
+    motions that are off by what it moves at rest. Nothing where what never changed meets one
+    body all along, as beside relaxation, nor where no tangent leads there (supports, contact):
+    recordings of one body have as many columns, whatever happens in each.
     Raises NotConverged where a state is not found, InvertedElement as terms do.
     """
     plain, terms = data.baseline, (*data.terms, *terms)
     model = ForwardModel(data.specimen, terms, options=STATICS,
                          past=Past(plain.trajectory, plain.model.body.mesh.nodes))
     if rebuilt(plain.model.body, model.body) or not _changes(model, plain.trajectory):
-        return np.zeros((len(data.observables.rows), 0))
+        return np.zeros((len(data.observables.rows), len(model.body.pads)))
     changed, columns = Baseline(model, data.encoder, data.t, lasting=True), []
     for moved in touch * np.eye(len(model.body.pads)):
         change = _change(plain, changed, moved, _motion(plain.model, moved))

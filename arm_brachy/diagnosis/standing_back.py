@@ -19,25 +19,21 @@ def standing_back(data, terms, touch):
     """Return columns (N, g): whitened change by each loose pad standing back by `touch` [m].
 
     data : recording_fit.Data;  terms : those of a hypothesis, at about their sizes
-    No column where no term loosens a pad, or beside terms with memory, which a fit refuses.
-    Raises NotConverged where no state is found.
+    A column for every pad that a term loosens; nothing in it beside terms with memory, which a
+    fit refuses. Raises NotConverged where no state is found.
     """
-    loose = [term for term in terms if term.spec.name in LOOSENING]
-    columns = np.zeros((len(data.observables.rows), 0))
-    if not loose:
-        return columns
-    others = tuple(term for term in (*data.terms, *terms) if term not in loose)
+    loose = [(term, i) for term in terms if term.spec.name in LOOSENING
+             for i in np.flatnonzero(touches(term.prepare(data.specimen.body)))]
+    columns = np.zeros((len(data.observables.rows), len(loose)))
+    others = tuple(term for term in (*data.terms, *terms) if term.spec.name not in LOOSENING)
     model = ForwardModel(data.specimen, others)
-    if model.remembers or model.timed:
+    if not loose or model.remembers or model.timed:
         return columns
     baseline = Baseline(model, data.encoder, data.t)
-    for term in loose:
-        body = term.prepare(baseline.model.specimen.body)
-        as_is = loosened_change(baseline, term, NEAR)
-        for i in np.flatnonzero(touches(body)):
-            back = np.where(np.arange(len(body.pads)) == i, touch, 0.0)
-            moved = loosened_change(baseline, term, NEAR, back)
-            column = data.observables.whiten(
-                {kind: (moved[kind] - as_is[kind])[..., None] for kind in STAGES})
-            columns = np.hstack([columns, column])
+    as_is = {id(term): loosened_change(baseline, term, NEAR) for term, _ in loose}
+    for j, (term, i) in enumerate(loose):
+        back = np.where(np.arange(len(data.specimen.pads)) == i, touch, 0.0)
+        moved = loosened_change(baseline, term, NEAR, back)
+        columns[:, j] = data.observables.whiten(
+            {kind: (moved[kind] - as_is[id(term)][kind])[..., None] for kind in STAGES})[:, 0]
     return columns

@@ -67,7 +67,7 @@ def test_what_relaxes_has_relaxed_before_the_recording(data):
     whiten = data.observables.whiten_shift
     plain, full = (whiten(shifted(data, some)) for some in ((), (term,)))
     assert np.linalg.norm(full - plain) < 0.1 * np.linalg.norm(plain)
-    assert preload(data, (term,), TOUCH).shape[1] == 0
+    assert not preload(data, (term,), TOUCH).any()
 
 
 def test_a_body_that_swells_bears_it_where_it_is_then(data):
@@ -85,5 +85,15 @@ def test_a_lump_beside_what_softens_counts(data):
 @pytest.mark.parametrize('term', [Inclusion(centre=(0.02, 0.01, 0.03), radius=0.012, ratio=4.0),
                                   BaseDebond(radius=0.02, centre=(0.02, 0.0, 0.0))],
                          ids=lambda term: term.spec.name)
-def test_tissue_without_a_past_asks_for_no_column(data, term):
-    assert preload(data, (term,), TOUCH).shape == (len(data.observables.rows), 0)
+def test_tissue_without_a_past_has_nothing_in_its_columns(data, term):
+    """But as many as one with a past: recordings side by side need them."""
+    columns = preload(data, (term,), TOUCH)
+    assert columns.shape == (len(data.observables.rows), len(data.specimen.pads))
+    assert not columns.any()
+
+
+def test_a_recording_that_ends_before_anything_changes_has_as_many_columns(data):
+    drift = StiffnessDrift(rate=0.01, onset=100.0)
+    changing = preload(data, (StiffnessDrift(rate=0.01, onset=1.0),), TOUCH)
+    still = preload(data, (drift,), TOUCH)
+    assert still.shape == changing.shape and changing.any() and not still.any()

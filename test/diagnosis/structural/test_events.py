@@ -45,7 +45,7 @@ def test_lost_steps_move_the_pad_and_what_follows_it(happened):
 
 
 def test_lost_steps_that_are_made_up_for_while_other_pads_push(happened, short_pushes):
-    """From then on the encoder of pad_2 is never home, and pushes that are alone look like pairs."""
+    """From then on the encoder of pad_2 is never home, and single pushes look like pairs."""
     half = len(short_pushes()) // 2
     moves = [(q + 6e-4 * (k >= half) * np.eye(3)[2], speed, hold)
              for k, (q, speed, hold) in enumerate(short_pushes())]
