@@ -21,6 +21,7 @@ class Part:
     of_mesh : (N,) whitened, what finer elements would add to the model; r and named are without
     named : (N,) r of the model with what was found, its numbers taken out to first order, and
     columns : (N, p) what these numbers do, at one prior standard deviation; None = nothing found
+        that acts in this recording
     """
 
     observables: Observables
@@ -67,17 +68,24 @@ def stream_fits(parts, tested=()):
               'recalibrated': _left(every, U, mesh, np.concatenate([p.r for p in every]), off,
                                     folds),
               'noise_floor': np.concatenate([part.observables.sd for part in every])}
-    if parts[0].named is not None:
-        whole = np.hstack([U, np.vstack([part.columns for part in every])])
-        wide = np.pad(mesh, (0, whole.shape[1] - len(mesh)))
-        errors['named'] = _left(every, whole, wide, np.concatenate([p.named for p in every]), off,
-                                folds)
+    if any(part.named is not None for part in every):
+        named, columns = _with_found(every)
+        errors['named'] = _left(every, np.hstack([U, columns]),
+                                np.pad(mesh, (0, columns.shape[1])), named, off, folds)
     streams = np.array([row.kind for part in every for row in part.observables.rows])
     held_out = ', '.join(name for name, _ in tested) or 'every kind of push in turn'
     return tuple(StreamFit(kind, **{name: _rms(values[asked & (streams == kind)])
                                     for name, values in errors.items()},
                            held_out=held_out)
                  for kind in dict.fromkeys(streams[asked].tolist()))
+
+
+def _with_found(parts):
+    """(named (N,), columns (N, p)) of all parts: where nothing was found all is as without."""
+    width = max(part.columns.shape[1] for part in parts if part.named is not None)
+    pairs = [(part.r, np.zeros((len(part.r), width))) if part.named is None else
+             (part.named, part.columns) for part in parts]
+    return tuple(np.concatenate(some) for some in zip(*pairs, strict=True))
 
 
 def _rms(values):

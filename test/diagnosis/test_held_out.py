@@ -41,6 +41,15 @@ def test_without_a_cause_none_is_scored():
     assert fit.named is None
 
 
+def test_a_recording_in_which_nothing_was_found_stays_as_it_is():
+    """A step in one of two: the other is met as before, whichever comes first."""
+    rng = np.random.default_rng(4)
+    hit, sound = part(rng), part(rng, 0.0, named=False)
+    both = [stream_fits(some)[0] for some in ((hit, sound), (sound, hit))]
+    assert both[0].named == pytest.approx(SD, rel=0.15)
+    assert both[0].named == pytest.approx(both[1].named, rel=1e-9) < both[0].recalibrated
+
+
 def test_a_recording_that_was_not_fitted_is_predicted_from_those_that_were():
     """Its own shift, known from the other by being shared, is not fitted to it again."""
     rng = np.random.default_rng(3)
