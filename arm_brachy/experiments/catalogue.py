@@ -15,9 +15,10 @@ from arm_brachy.experiments import (
     silicone_beam,
     table_3_1,
 )
+from arm_brachy.experiments.dome_faults import study as dome_faults
 from arm_brachy.experiments.gel_block import study as gel_block
 
 EXPERIMENTS = {module.NAME: module.reproduce
                for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig,
                              element_accuracy, reduced_model, diagnosis_study,
-                             diagnosis_laboratories, gel_block)}
+                             diagnosis_laboratories, dome_faults, gel_block)}

@@ -22,8 +22,6 @@ from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.experiments import dome_rig, recordings, silicone_beam
 from arm_brachy.experiments.parallel import process_pool
 from arm_brachy.recording.import_c3d import C3dImport, import_c3d
-from arm_brachy.recording.import_csv import import_csv
-from arm_brachy.recording.scene_import import import_scene
 
 NAME = 'diagnosis-laboratories'
 SEED = 0
@@ -65,12 +63,9 @@ def reproduce(out_dir):
 
 def domes(source, scratch):
     """Import the dome's recordings; yields Pair."""
-    files = import_scene(source / 'scene.yaml', scratch / 'dome', name='dome')
-    bags = {name: scratch / f'dome_{name}' for name in files['maps']}
-    for name, columns in files['maps'].items():
-        import_csv(columns, bags[name])
+    scene, bags = dome_rig.imported(source, scratch)
     for fitted, held_out in DOME_PAIRS:
-        yield Pair(files['scene'], bags[fitted], bags[held_out])
+        yield Pair(str(scene), bags[fitted], bags[held_out])
 
 
 def beams(source, scratch):

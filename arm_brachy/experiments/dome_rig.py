@@ -45,6 +45,18 @@ class Replay:
     streams: dict
 
 
+def imported(source, scratch):
+    """Import their scene and recordings from folder `source` into folder `scratch`.
+
+    Returns (path of the scene, name -> path of the bag).
+    """
+    files = import_scene(source / 'scene.yaml', scratch / 'dome', name='dome')
+    bags = {name: scratch / f'dome_{name}' for name in files['maps']}
+    for name, columns in files['maps'].items():
+        import_csv(columns, bags[name])
+    return Path(files['scene']), bags
+
+
 def reproduce(out_dir):
     """Import, replay in process and evaluate every recording; write JSON, PNG, pages to `out_dir`.
 

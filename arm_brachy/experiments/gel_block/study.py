@@ -1,10 +1,9 @@
 """The gel block's recordings through import and diagnosis: what is said of each, and is it right.
 
 Nothing is told but the scene file: no null recording, no calibration. `cases` says what was
-planted. Right is the planted term named alone, or at the head of a class; where nothing was
-planted, `nothing_missing`. What is solved and answered is kept in a folder, so that a study that
-was ended goes on where it was. After a change of the block, the recorder or the detector, delete
-that folder, or of it what would be another.
+planted, `told` what counts as right. What is solved and answered is kept in a folder, so that a
+study that was ended goes on where it was. After a change of the block, the recorder or the
+detector, delete that folder, or of it what would be another.
 """
 
 import json
@@ -15,8 +14,6 @@ import time
 from itertools import repeat
 from pathlib import Path
 
-import numpy as np
-
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import run_dir, share_dir
 from arm_brachy.core.scene import load_scene
@@ -24,10 +21,8 @@ from arm_brachy.diagnosis.diagnose import diagnose
 from arm_brachy.diagnosis.diagnosis import Provenance
 from arm_brachy.diagnosis.evidence import load_evidence
 from arm_brachy.diagnosis.page import write_diagnosis
-from arm_brachy.diagnosis.wording import spoken
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.experiments.diagnosis_cases import hasty_pool
-from arm_brachy.experiments.diagnosis_score import MESH, explanations, holds
 from arm_brachy.experiments.gel_block.bodies import load_rays, solve_all
 from arm_brachy.experiments.gel_block.cases import CASES
 from arm_brachy.experiments.gel_block.recorder import (
@@ -38,12 +33,11 @@ from arm_brachy.experiments.gel_block.recorder import (
     write_recording,
 )
 from arm_brachy.experiments.gel_block.scene import write_scene
+from arm_brachy.experiments.told import errors, interval, sized, three, told, verdict
 from arm_brachy.recording.import_csv import import_csv
 
 NAME = 'gel-block'
 SEED = 0
-STREAMS = {'optical': 'mm', 'em': 'mm', 'force': 'N'}
-ERRORS = ('as_given', 'recalibrated', 'with_the_causes', 'noise_floor')
 DEVICE = {'optical': OPTICAL, 'force': FORCES}      # of a stream as a clock_offset calls it
 
 
@@ -114,40 +108,8 @@ def _diagnosed(bag, scene, page):
 def row(case, line):
     """One row of the table, flat, from a Case and what `answer_one` left; None = not said."""
     answer = line['answer']
-    cause = _cause(case, answer)
-    return {'case': case.name, 'planted': case.term or '-', 'right': right(case, answer),
-            'verdict': answer.get('verdict', 'none'), 'said': _said(answer),
-            'place_right': None if cause is None or not case.place
-            else cause['applies_to'] == case.place,
-            **_parameter(truth(case), cause), **_modulus(case, answer), **_errors(answer),
-            'cpu_s': line['cpu_s']}
-
-
-def right(case, answer):
-    """Whether an answer (as JSON) says what was planted in a Case, see the head of this file."""
-    verdict = answer.get('verdict')
-    if case.term is None:
-        return verdict == 'nothing_missing'
-    return verdict in ('named', 'equivalent') and _leading(answer) == {case.term}
-
-
-def _leading(answer):
-    """Terms that hold if the most probable option does, but for a mesh at fault."""
-    causes = answer['causes']
-    best = max((c for c in causes if c['option']), key=lambda c: c['probability'],
-               default={'option': 0})['option']
-    return {c['term'] for c in causes if c['option'] in (0, best)} - {MESH}
-
-
-def _said(answer):
-    if 'error' in answer:
-        return answer['error']
-    return ' or '.join(' + '.join(map(spoken, sorted(one))) for one in explanations(answer) if one)
-
-
-def _cause(case, answer):
-    return max((c for c in answer.get('causes', ()) if c['term'] == case.term),
-               key=lambda c: c['probability'], default=None)
+    return {'case': case.name, **told(case, answer, truth(case)), **_modulus(case, answer),
+            **errors(answer), 'cpu_s': line['cpu_s']}
 
 
 def truth(case):
@@ -158,42 +120,11 @@ def truth(case):
     return {'delay_ms': 1e3 * late}
 
 
-def _parameter(true, cause):
-    """The first of the parameters, of a vector the largest component; all intervals."""
-    out = dict.fromkeys(('parameter', 'true', 'found', 'low', 'high', 'intervals_hold'))
-    if not true:
-        return out
-    key, value = next(iter(true.items()))
-    axis = int(np.argmax(np.abs(value)))
-    out |= {'parameter': key + (' ' + 'xyz'[axis] if np.ndim(value) else ''),
-            'true': float(np.atleast_1d(value)[axis])}
-    if cause is None:
-        return out
-    told = cause['parameters']
-    found = {name: _component(told[key], end, axis)
-             for name, end in (('found', 0), ('low', 1), ('high', 2))} if key in told else {}
-    return out | found | {'intervals_hold': all(
-        name in told and holds(told[name]['interval_90'], value) for name, value in true.items())}
-
-
-def _component(told, end, axis):
-    """Value (0), lower (1) or upper end (2) of an estimate; an end that is not known is None."""
-    value = (told['value'], *told['interval_90'])[end]
-    return value[axis] if isinstance(value, list) else value
-
-
 def _modulus(case, answer):
     told = answer.get('recalibrated', {}).get('E_kPa')
     low, high = (None, None) if told is None else told['interval_90']
     return {'E_true_kPa': case.modulus_kPa, 'E_kPa': None if told is None else told['value'],
             'E_low_kPa': low, 'E_high_kPa': high}
-
-
-def _errors(answer):
-    """Root mean square errors per axis held out, of all streams: absent ones are None."""
-    fits = {fit['stream']: fit for fit in answer.get('fit', ())}
-    return {f'{stream}_{which}_{unit}': fits.get(stream, {}).get(which)
-            for stream, unit in STREAMS.items() for which in ERRORS}
 
 
 def markdown(body):
@@ -202,28 +133,10 @@ def markdown(body):
              'found (90 %) | optical / mm | force / N | CPU s |',
              '|---|---|---|---|---|---|---|---|---|']
     for one in body['rows']:
-        said = f'`{one["verdict"]}`' + (f': {one["said"]}' if one['said'] else '')
-        sized = '-' if one['parameter'] is None else (
-            f'`{one["parameter"]}` {one["true"]:.3g}, '
-            + _interval(one['found'], one['low'], one['high']))
-        modulus = f'{one["E_true_kPa"]:.3g}, ' + _interval(one['E_kPa'], one['E_low_kPa'],
-                                                           one['E_high_kPa'])
-        cells = (one['case'], '-' if one['planted'] == '-' else f'`{one["planted"]}`', said,
-                 'yes' if one['right'] else '**no**', sized, modulus,
-                 _three(one, 'optical'), _three(one, 'force'), f'{one["cpu_s"]:.0f}')
+        modulus = f'{one["E_true_kPa"]:.3g}, ' + interval(one['E_kPa'], one['E_low_kPa'],
+                                                          one['E_high_kPa'])
+        cells = (one['case'], '-' if one['planted'] == '-' else f'`{one["planted"]}`',
+                 verdict(one), 'yes' if one['right'] else '**no**', sized(one), modulus,
+                 three(one, 'optical'), three(one, 'force'), f'{one["cpu_s"]:.0f}')
         lines.append('| ' + ' | '.join(cells) + ' |')
     return '\n'.join(lines)
-
-
-def _interval(value, low, high):
-    return '-' if value is None else (f'{value:.3g} ({_number(low, ".3g")} to '
-                                      f'{_number(high, ".3g")})')
-
-
-def _three(one, stream):
-    unit = STREAMS[stream]
-    return ', '.join(_number(one[f'{stream}_{which}_{unit}'], '.3f') for which in ERRORS[1:])
-
-
-def _number(value, form):
-    return '-' if value is None else f'{value:{form}}'

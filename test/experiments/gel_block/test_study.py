@@ -9,6 +9,7 @@ import pytest
 
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis.evidence import load_evidence
+from arm_brachy.experiments import told
 from arm_brachy.experiments.diagnosis_cases import save
 from arm_brachy.experiments.gel_block import study
 from arm_brachy.experiments.gel_block.bodies import BODIES, RAYS
@@ -59,18 +60,19 @@ def test_cases_plant_what_the_registry_knows():
     ('gain_b', answer('nothing_missing'), False),
 ])
 def test_right_is_the_planted_term_alone_or_at_the_head(case, said, right):
-    assert study.right(BY_NAME[case], said) is right
+    assert told.right(BY_NAME[case], said) is right
 
 
 def test_a_row_sets_what_was_found_beside_what_was_planted():
-    told = cause('force_drift', applies_to={'pads': ['pad_b']},
+    drift = cause('force_drift', applies_to={'pads': ['pad_b']},
                  rate_N_min=([0.38, 0.29, 0.0], [0.30, 0.21, -0.1], [0.46, 0.37, 0.1]))
-    one = study.row(BY_NAME['drift_b'], {'cpu_s': 3.0, 'answer': answer('named', told)})
+    one = study.row(BY_NAME['drift_b'], {'cpu_s': 3.0, 'answer': answer('named', drift)})
     assert (one['parameter'], one['true'], one['found']) == ('rate_N_min x', 0.4, 0.38)
     assert (one['low'], one['high']) == (0.30, 0.46)
     assert one['right'] and one['place_right'] and one['intervals_hold']
-    told['applies_to'], told['parameters']['rate_N_min']['interval_90'][0][1] = {'pads': []}, 0.31
-    one = study.row(BY_NAME['drift_b'], {'cpu_s': 3.0, 'answer': answer('named', told)})
+    drift['applies_to'] = {'pads': []}
+    drift['parameters']['rate_N_min']['interval_90'][0][1] = 0.31
+    one = study.row(BY_NAME['drift_b'], {'cpu_s': 3.0, 'answer': answer('named', drift)})
     assert not one['place_right'] and not one['intervals_hold']
 
 

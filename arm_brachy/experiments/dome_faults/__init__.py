@@ -1,0 +1,1 @@
+"""Faults put into another laboratory's recordings of a dome, or into its scene file."""
