@@ -417,7 +417,7 @@ class Judge:
         """Candidates that are not told from the accepted one, each cause at its best variant.
 
         Full fits tell causes whose responses are alike only where they fit worse; what would have
-        to be less than nothing is no rival.
+        to be less than nothing is no rival, nor what would have to be as large as it never is.
         Of a pair also those in which another cause has the place of either.
         """
         kept = [None]
@@ -436,11 +436,18 @@ class Judge:
                 close = accepted.evidence - rival.evidence < self.rules.rival
                 told = accepted.weighed and rival.weighed and (
                     accepted.fit - rival.fit >= self.rules.rival)
-                alike = apart < self.rules.apart and not told or close and self._claims(
-                    rival, over=rest)
+                absurd = self._lead(accepted, rival) >= self.rules.certain
+                alike = apart < self.rules.apart and not told and not absurd or (
+                    close and self._claims(rival, over=rest))
                 if alike and not self._gone(rival):
                     out.append(replace(rival, separation=apart))
         return tuple(out)
+
+    def _lead(self, one, other):
+        """By how much more evidence one Candidate has than another, weighed alike."""
+        if one.weighed != other.weighed:
+            one, other = (self._candidate(c.explanations, c.paid) for c in (one, other))
+        return one.evidence - other.evidence
 
     def _apart(self, accepted, rival):
         """Separation [sd] of what was accepted, at its size, from the best its rival can do."""

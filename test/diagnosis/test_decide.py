@@ -76,6 +76,14 @@ def one_sided(world, i, name, sign):
     return Explanation(name, '', sign * 3.0 * world.responses[i][:, None], one_sided=(True,))
 
 
+@pytest.mark.parametrize(('sizes', 'verdict'), [(3.0, 'equivalent'), (30.0, 'named')])
+def test_a_twin_that_would_have_to_be_as_large_as_it_never_is_is_none(world, sizes, verdict):
+    """A force gain of -40 % where 8 % is usual, for a missing weight; of 24 % it may be."""
+    twin = Explanation('twin', '', world.responses[3][:, None] / sizes)
+    decision = world.decide(1.0 * world.responses[3], twin)
+    assert decision.verdict == verdict and decision.accepted.causes == ('cause_3',)
+
+
 def test_a_cause_that_would_have_to_be_less_than_nothing_is_none(world):
     """Something that is softer where all that the catalogue has there can but stiffen."""
     decision = world.decide(-1.2 * world.responses[3], one_sided(world, 3, 'limited', 1.0),

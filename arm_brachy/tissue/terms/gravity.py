@@ -22,8 +22,9 @@ class Gravity(BodyTerm):
 
     added: tuple = quantity(
         [0.0, 0.0, 0.0], 'm_s2', 'acceleration added to gravity, world frame', shape=(3,),
-        low=-20.0, high=20.0, prior=('normal', 0.0, 2.0), typical=2.5,
-        source='a tilt of 15 deg, 9.81 sin 15 deg (engineering judgement)', neutral=0.0)
+        low=-20.0, high=20.0, prior=('normal', 0.0, 4.0), typical=2.5,
+        source='a tilt of 15 deg is 9.81 sin 15 deg, left out 9.81: both are met (engineering '
+               'judgement)', neutral=0.0)
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='gravity', kind=Kind.TISSUE, stage=Stage.BODY,
