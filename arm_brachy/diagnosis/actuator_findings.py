@@ -126,7 +126,9 @@ def _tilt(prepared, one, tests):
                     f'The marker on {one.pad} moves {np.degrees(np.hypot(up, side)):.1f} deg '
                     'aside of the push direction in the scene.',
                     parameters={'tilt_up': float(up), 'tilt_side': float(side),
-                                'pads': (one.pad,)})]
+                                'pads': (one.pad,)},
+                    slack=prepared.calibration.direction,
+                    errors={'tilt_side': float(one.tilt_sd[1])})]
 
 
 def _uneven(prepared, one):

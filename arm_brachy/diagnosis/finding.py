@@ -65,6 +65,7 @@ class Finding:
     parameters : what the finding says of the term's fields, SI: `registry.by_name(term)` can be
         made from them; empty without a term
     slack : sd [SI] of what calibration leaves in the value besides; its interval has both
+    errors : sd [SI] of other parameters that were estimated with it, of the same slack
     """
 
     stream: str
@@ -82,6 +83,7 @@ class Finding:
     onset: tuple | None = None
     parameters: dict = field(default_factory=dict)
     slack: float = 0.0
+    errors: dict = field(default_factory=dict)
 
 
 def threshold(tests, dof=1):

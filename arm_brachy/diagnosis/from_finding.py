@@ -18,8 +18,8 @@ TO_90 = float(norm.ppf(0.95))   # standard deviations to either end of a normal 
 def cause_of(finding, probability, option=0):
     """Cause of a finding.Finding that names a term.
 
-    The parameter that was estimated gets value -+ 1.64 sd, that of calibration in it, an onset its
-    own interval; of others the finding knows no error, and their interval is unbounded.
+    The parameters that were estimated get value -+ 1.64 sd, that of calibration in it, an onset
+    its own interval; of others the finding knows no error, and their interval is unbounded.
     Raises InputError if the finding names no term.
     """
     if finding.term is None:
@@ -83,9 +83,10 @@ def _estimate(finding, name, value):
     if name == 'onset' and finding.onset is not None:
         low, high = finding.onset
         return Estimate(float(value), min(low, float(value)), max(high, float(value)))
+    known = {**finding.errors, finding.parameter: finding.sd}
     reach = np.inf
-    if name == finding.parameter:
-        reach = TO_90 * np.hypot(np.asarray(finding.sd, dtype=float), finding.slack)
+    if name in known:
+        reach = TO_90 * np.hypot(np.asarray(known[name], dtype=float), finding.slack)
     return Estimate(*(_plain(v) for v in (value, value - reach, value + reach)))
 
 

@@ -40,6 +40,17 @@ def test_a_finding_without_rivals_is_a_cause(scene):
     assert place.actuator == scene.pads[1].name and when.recording == 'one'
 
 
+def test_numbers_that_were_estimated_together_have_an_interval_each(scene):
+    tilt = Finding('optical', 'pad_2', 'pad_misplacement', 'tilt_up', -0.02, 'rad', 0.003, 40.0,
+                   0.0, 9.0, 'The marker moves aside.', parameters={
+                       'tilt_up': -0.02, 'tilt_side': 0.19, 'pads': ('pad_2',)},
+                   slack=0.004, errors={'tilt_side': 0.0})
+    (cause,), _, _ = answered(scene, tilt)
+    up, side = cause.parameters['tilt_up'], cause.parameters['tilt_side']
+    assert up.high - up.value == pytest.approx(1.645 * 0.005, rel=1e-3)
+    assert side.value - side.low == pytest.approx(1.645 * 0.004, rel=1e-3)
+
+
 def test_what_the_model_found_beside_a_finding_adds_to_it(scene):
     more = Cause('actuator_gain', {'gain': Estimate(0.01, -0.02, 0.04)}, {'actuators': (1,)}, 0.9)
     elsewhere = replace(more, applies_to={'actuators': (0,)})

@@ -67,7 +67,7 @@ def test_faults_are_terms_of_the_registry_with_their_fields():
     ('sound', None), ('undercounted', 'encoder'), ('steps_lost', 'encoder'),
     ('late_force', 'force'), ('early_optical', 'optical'), ('slipped', 'optical'),
     ('scaled', 'optical'), ('louder', 'force'), ('drifting', 'force'), ('tool_moved', 'em'),
-    ('swapped', 'optical'), ('weighed', None)])
+    ('weighed', None)])
 def test_a_fault_of_one_stream_leaves_the_others(run, name, stream):
     assert changed(run, BY_NAME[name].spoil(run, 0)) == ({stream} if stream else set())
 
@@ -90,13 +90,6 @@ def test_what_happens_once_happens_in_the_first_recording_from_the_onset_on(run)
         more = getattr(getattr(spoil(run, 0), stream), key) - getattr(getattr(run, stream), key)
         assert not more[ONSET > T].any() and more[ONSET <= T].any(axis=tuple(
             range(1, more.ndim))).all()
-
-
-def test_swapped_markers_have_each_others_places(run):
-    spoilt = BY_NAME['swapped'].spoil(run, 0).optical
-    for one, other in (('m03', 'm04'), ('m04', 'm03')):
-        np.testing.assert_array_equal(spoilt.points[:, spoilt.ids.index(one)],
-                                      run.optical.points[:, run.optical.ids.index(other)])
 
 
 def test_altered_scenes_build_and_say_what_their_faults_say(dome, tmp_path):

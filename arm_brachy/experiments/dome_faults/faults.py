@@ -96,11 +96,6 @@ def _tool_moved(run, number):
         one.t, one.position + np.array(MOVED) * MM, one.quality, one.status)})
 
 
-def _swapped(run, number):
-    ids = ['m04' if one == 'm03' else 'm03' if one == 'm04' else one for one in run.optical.ids]
-    return replace(run, optical=replace(run.optical, ids=tuple(ids)))
-
-
 def _turned(scene):
     """The third pad's direction TURN degrees off, level: what the tissue feels is another."""
     turn = np.radians(TURN)
@@ -109,6 +104,20 @@ def _turned(scene):
     pads = list(scene.pads)
     pads[2] = replace(pads[2], direction=tuple((level @ pads[2].direction).tolist()))
     return replace(scene, pads=tuple(pads))
+
+
+def _taller(scene):
+    """The drawing is HIGHER than the body: what is on the tissue is drawn with it."""
+    markers = (one if one.body == 'base' else replace(one, position=_raised(one.position))
+               for one in scene.markers)
+    return replace(scene, markers=tuple(markers), pads=tuple(
+        replace(pad, centre=_raised(pad.centre)) for pad in scene.pads), targets=tuple(
+        replace(one, position=_raised(one.position)) for one in scene.targets))
+
+
+def _raised(place):
+    x, y, z = place
+    return (x, y, (1.0 + HIGHER) * z)
 
 
 def _with_material(**changed):
@@ -136,12 +145,11 @@ FAULTS = (
           spoil=_drifting),
     Fault('tool_moved', 'em_offset', {'offset_mm': MOVED}, {'tools': ['em0']},
           spoil=_tool_moved),
-    Fault('swapped', 'marker_slip', spoil=_swapped),
     Fault('soft_label', alter=_with_material(E=SOFT)),
     Fault('incompressible', 'compressibility', {'factor': BULK},
           alter=_with_material(nu=POISSON)),
     Fault('too_high', 'reference_shape', {'height': 1.0 / (1.0 + HIGHER) - 1.0},
-          stretched=(1.0, 1.0, 1.0 + HIGHER)),
+          alter=_taller, stretched=(1.0, 1.0, 1.0 + HIGHER)),
     Fault('turned', 'pad_misplacement', place={'pads': ['pad_2']}, alter=_turned),
     Fault('weighed', 'gravity', {'added_m_s2': (0.0, 0.0, WEIGHT)},
           alter=lambda scene: replace(scene, gravity=(0.0, 0.0, -WEIGHT))),
