@@ -236,6 +236,8 @@ def _notes(fitted, fit):
     if any(look.scene.loads for look in fitted):
         out.append('Where the weight hangs is taken from the scene; 1 mm further out on a beam of '
                    '100 mm sags by 1.5 % more, which reads as a softer body.')
+    out += [f'{look.release.name}: {", ".join(look.release.lost)} not seen at rest, while it '
+            'rings or at the end; left out.' for look in fitted if look.release.lost]
     loose = max(look.placement for look in fitted)
     if loose > 1.5 * fitted[0].prepared.calibration.placement:
         out.append(f'Markers at rest are {1e3 * loose:.1f} mm per axis from where the scene has '

@@ -26,6 +26,10 @@ PERIODS = 3.0       # of ringing, fewer have no frequency
 BROKEN = 20.0       # times what a sound base may move: a marker of it has come off
 APART = 4.0         # times the spread of the others
 LEAST_WAY = 10.0    # standard deviations of noise that it must have gone
+THINNEST = 8        # frames of a channel in either half of the ringing, fewer show no mode
+UNSETTLED = 0.05    # of the whole way: what moves more in its last window has not settled
+PARTS_RUNG = (1.0, 0.5, 0.25, 0.125, 0.0625)    # of a recording: a long rest hides what rings
+LAST = 0.1          # of a recording: where its markers end
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,7 @@ class Release:
     noise : (k, 3) [m] of one sample;  count : (w,) samples worth of each window
     base_rest : (b, 3) [m];  ring : Ring, None if it does not ring
     odd : (name, (3,) [m]) of a base marker that moved against all others and is left out
+    lost : names of channels that were not seen where they were needed and are left out
     """
 
     name: str
@@ -74,6 +79,7 @@ class Release:
     count: np.ndarray
     ring: Ring | None
     odd: tuple | None = None
+    lost: tuple = ()
 
 
 def release_of(prepared):
@@ -87,35 +93,78 @@ def release_of(prepared):
     if stream is None:
         raise RecordingError(f'{prepared.evidence.name}: no marker and no EM tool on the tissue; '
                              'nothing says how the body moved; record one')
-    at = _release(stream, noise.sd, prepared.evidence.name)
-    held = (stream.t > at - CLEAR - FIRST) & (stream.t < at - CLEAR)
-    if not held.any():
-        held = stream.t < at
-    path = stream.values - np.nanmean(stream.values[held], axis=0)
-    since = stream.t - at
-    ring = _ring(since, path)
+    name = prepared.evidence.name
+    every, sd = stream.names, noise.sd
+    kept = _seen_at_both_ends(stream, name)
+    stream, sd = stream.channels(kept), sd[kept]
+    at = _release(stream, sd, name)
+    path, since = stream.values - _held(stream, at), stream.t - at
+    ring, kept = _ring_of_most(since, path)
+    stream, sd, path = stream.channels(kept), sd[kept], path[:, kept]
     windows = _windows(since[-1], ring)
+    if ring is None:
+        _refuse_unsettled(name, path[since >= windows[-1, 0]], sd)
     base, rest, odd = _sound_base(*_base(prepared, at, windows), prepared.calibration.base)
     moved = np.stack([_mean(path[(since >= a) & (since <= b)]) for a, b in windows])
     count = np.array([noise.effective(np.sum((since >= a) & (since <= b))) for a, b in windows])
-    return Release(prepared.evidence.name, kind, stream.names, float(at), since, path,
-                   windows.mean(axis=1), moved, base, rest, noise.sd, count, ring, odd)
+    return Release(name, kind, stream.names, float(at), since, path, windows.mean(axis=1), moved,
+                   base, rest, sd, count, ring, odd,
+                   tuple(n for n in every if n not in stream.names))
+
+
+def _held(stream, at):
+    """(k, 3) [m] where each channel was held: just before the release, or earlier if unseen."""
+    just = _mean(stream.values[(stream.t > at - CLEAR - FIRST) & (stream.t < at - CLEAR)])
+    return np.where(np.isfinite(just), just, _mean(stream.values[stream.t <= at]))
+
+
+def _refuse_unsettled(name, path, sd):
+    """Raise RecordingError if what does not ring still moves in its last window (n, k, 3) [m]."""
+    way = np.linalg.norm(_mean(path), axis=1).max()
+    goes = np.linalg.norm(np.nanmax(path, axis=0) - np.nanmin(path, axis=0), axis=1)
+    if (goes > np.maximum(UNSETTLED * way, LOUD * np.linalg.norm(sd, axis=1))).any():
+        raise RecordingError(f'{name}: at its end its markers still move by '
+                             f'{1e3 * goes.max():.2g} mm of {1e3 * way:.2g} mm, and it is too '
+                             'short for a frequency; record until it settles')
+
+
+def _seen_at_both_ends(stream, name):
+    """Indices of the channels that are seen at rest and at the end."""
+    ends = (stream.t < stream.t[0] + FIRST, stream.t >= _last(stream.t))
+    seen = [stream.valid[rows].any(axis=0) for rows in ends]
+    for which, where in zip(seen, (f'in its first {FIRST:g} s, while it is held',
+                                  'at its end, where it settles'),
+                            strict=True):
+        if not which.any():
+            raise RecordingError(f'{name}: no marker or tool on the tissue is seen {where}; cut '
+                                 'the recording to where they are seen')
+    if not (seen[0] & seen[1]).any():
+        raise RecordingError(f'{name}: no marker or tool on the tissue is seen both while it is '
+                             'held and where it settles; nothing says how far it went')
+    return np.flatnonzero(seen[0] & seen[1])
+
+
+def _last(t):
+    """Time [s] from which on a recording is at its end."""
+    return t[-max(int(LAST * len(t)), 1)]
 
 
 def _release(stream, sd, name):
     """Time [s] at which the body leaves where it was held."""
     held = stream.t < stream.t[0] + FIRST
     start = _mean(stream.values[held])
-    end = _mean(stream.values[-max(len(stream.t) // 10, 1):])
+    end = _mean(stream.values[stream.t >= _last(stream.t)])
     way, noise = np.linalg.norm(end - start, axis=1), np.linalg.norm(sd, axis=1)
-    if not np.nanmax(way / noise) > LEAST_WAY:
+    if not (way / noise).max() > LEAST_WAY:
         raise RecordingError(f'{name}: its markers end where they began, within '
                              f'{1e3 * LEAST_WAY * noise.max():.2g} mm; a body without pads must '
                              'be held, let go and settle; record the release too')
     far = np.linalg.norm(stream.values - start, axis=2)
-    gone = np.flatnonzero((np.nan_to_num(far) > np.maximum(DEPARTED * np.nanmax(way),
-                                                           LOUD * noise)).any(axis=1))
-    return stream.t[max(gone[0] - 1, 0)]
+    gone = (np.nan_to_num(far) > np.maximum(DEPARTED * way.max(), LOUD * noise)).any(axis=1)
+    if gone[held].any():
+        raise RecordingError(f'{name}: its markers move in the first {FIRST:g} s, in which it '
+                             'must be held still; let the recording begin earlier')
+    return stream.t[max(int(np.argmax(gone)) - 1, 0)]
 
 
 def _mean(values):
@@ -126,16 +175,30 @@ def _mean(values):
                     np.nan)
 
 
+def _ring_of_most(since, path):
+    """(Ring, indices of the channels it is of): those that hide from it are left out, if any do.
+
+    A channel hides where no mode is seen in the frames that show all, but in those of the others.
+    """
+    every = np.arange(path.shape[1])
+    ring = _ring(since, path)
+    seen = np.isfinite(path).all(axis=2)
+    while ring is None and len(every) > 1 and not seen[since > 0.0][:, every].all():
+        every = np.delete(every, int(np.argmin(seen[since > 0.0][:, every].sum(axis=0))))
+        ring = _ring(since, path[:, every])
+    return (ring, every) if ring is not None else (None, np.arange(path.shape[1]))
+
+
 def _ring(since, path):
     """Ring of a motion, None if there is none worth the name."""
-    final = _mean(path[-max(len(path) // 10, 1):])
+    final = _mean(path[since >= _last(since)])
     whole = np.isfinite(path).all(axis=(1, 2)) & (since > 0.0)
     if whole.sum() < FEWEST:
         return None
     t, s = since[whole], (path - final)[whole].reshape(whole.sum(), -1)
     largest = int(np.nanargmax(np.linalg.norm(final, axis=1)))
-    rough = ringing(t, path[whole, largest])
-    if not (np.isfinite(rough.frequency) and 0.0 < rough.damping < 0.5):
+    rough = _rough(t, path[whole, largest])
+    if rough is None:
         return None
     start = 1.0 / rough.frequency
     rate = 2.0 * np.pi * rough.frequency * rough.damping
@@ -143,11 +206,26 @@ def _ring(since, path):
     if (end - start) * rough.frequency < PERIODS:
         return None
     guess, middle = (rough.frequency, rough.damping), 0.5 * (start + end)
+    if min(((t >= a) & (t <= b)).sum() for a, b in ((start, middle), (middle, end))) < THINNEST:
+        return None
     one, early, late = (_mode(t, s, a, b, guess, final) for a, b in (
         (start, end), (start, middle), (middle, end)))
     half = [0.5 * np.abs(a - b) for a, b in zip(early[:2], late[:2], strict=True)]
     apart = 0.5 * float(np.sqrt(np.mean((early[2] - late[2]) ** 2)))
     return Ring(one[0], one[1], one[2], one[3], *half, apart, one[4], (start, end))
+
+
+def _rough(t, x):
+    """ringing.Ringing of a marker (n, 3), from all of it or its first part; None if it has none.
+
+    Creep over a long rest is more of the whole motion than what rings at its beginning.
+    """
+    for part in PARTS_RUNG:
+        rows = t <= t[0] + part * (t[-1] - t[0])
+        found = ringing(t[rows], x[rows])
+        if np.isfinite(found.frequency) and 0.0 < found.damping < 0.5:
+            return found
+    return None
 
 
 def _mode(t, s, start, end, guess, final):

@@ -57,8 +57,9 @@ def of_repeat(release):
     late = release.since >= ring.span[1]
     t, path = release.since[late], release.path[late].reshape(late.sum(), -1)
     basis = np.column_stack([np.ones(len(t)), np.log(t)])
-    seen = np.isfinite(path).all(axis=1)
-    fit = np.linalg.lstsq(basis[seen], path[seen], rcond=None)[0]
+    seen = np.isfinite(path)
+    fit = np.column_stack([np.linalg.lstsq(basis[here], column[here], rcond=None)[0]
+                           for column, here in zip(path.T, seen.T, strict=True)])
     ends = np.array([ring.span[0], release.since[-1]])
     moved = np.column_stack([np.ones(2), np.log(ends)]) @ fit
     return Description(ends, moved.reshape(2, -1, 3), ring.frequency, ring.damping, ring.shape)
@@ -67,7 +68,7 @@ def of_repeat(release):
 def left(release, description):
     """[m] rms per axis that a Description of the same channels leaves of a Release."""
     start = BEGIN if release.ring is None else release.ring.span[0]
-    rows = (release.since >= start) & np.isfinite(release.path).all(axis=(1, 2))
+    rows = release.since >= start
     t, path = release.since[rows], release.path[rows]
     slow = description.slow(t)
     free = [np.cross(axis, slow) for axis in np.eye(3)]
@@ -75,6 +76,8 @@ def left(release, description):
         swing = oscillation(t - start, description.frequency, description.damping)
         free += [one[:, None, None] * description.shape for one in swing.T]
     basis = np.column_stack([one.ravel() for one in free])
-    basis = basis / np.linalg.norm(basis, axis=0)
     off = (path - slow).ravel()
+    seen = np.isfinite(off)
+    basis, off = basis[seen], off[seen]
+    basis = basis / np.linalg.norm(basis, axis=0)
     return float(np.sqrt(np.mean((off - basis @ np.linalg.lstsq(basis, off, rcond=None)[0]) ** 2)))

@@ -37,14 +37,18 @@ def motion(t, swing=1.0):
     return np.where(t > AT, slow - (1.0 - CREEPS) * swing * ring, 0.0)[:, None, None] * SAG
 
 
-def prepared(seed=0, swing=1.0, odd=0.0, returns=False):
-    t = np.arange(round(LASTS / STEP)) * STEP
+def prepared(seed=0, swing=1.0, odd=0.0, returns=False, begin=0.0, end=LASTS, hidden=()):
+    """hidden : (marker on the tissue, from, to [s]) each"""
+    t = np.arange(round(begin / STEP), round(end / STEP)) * STEP
     points = np.tile([*PLACES.values(), *BASE.values()], (len(t), 1, 1))
     went = motion(t, swing)
     points[:, :2] += went * (t < AT + 1.0)[:, None, None] if returns else went
     points[t > AT, 4, 0] += odd
     points += np.random.default_rng(seed).normal(0.0, NOISE, points.shape)
-    frames = OpticalFrames(t, (*PLACES, *BASE), points, np.ones(points.shape[:2], dtype=bool))
+    visible = np.ones(points.shape[:2], dtype=bool)
+    for k, first, last in hidden:
+        visible[(t >= first) & (t <= last), k] = False
+    frames = OpticalFrames(t, (*PLACES, *BASE), points, visible)
     return prepare(evidence_of(RunData('formula', '', 0, '', '', optical=frames), SCENE))
 
 
@@ -68,6 +72,40 @@ def test_what_was_put_in_is_read(release):
 def test_a_body_that_ends_where_it_began_was_not_let_go():
     with pytest.raises(RecordingError, match='let go'):
         release_of(prepared(returns=True))
+
+
+@pytest.mark.parametrize('span', [(0.0, 0.6), (0.7, 1.7), (1.5, 9.0), (4.0, 9.0)])
+def test_a_marker_that_is_lost_where_it_is_needed_is_left_out(release, span):
+    found = release_of(prepared(hidden=[(0, *span)]))
+    assert found.names == ('half',) and found.lost == ('tip',)
+    assert found.ring.frequency == pytest.approx(FREQUENCY_HZ, rel=2e-3)
+    assert found.moved == pytest.approx(release.moved[:, 1:], abs=10e-6)
+    assert left(found, of_repeat(found)) < 4.0 * NOISE + 0.05e-3
+
+
+def test_a_marker_that_is_lost_for_a_while_takes_part(release):
+    for span in ((0.52, 0.6), (2.5, 3.0)):
+        found = release_of(prepared(hidden=[(0, *span)]))
+        assert found.names == release.names and not found.lost
+        assert found.ring.damping == pytest.approx(RATIO, rel=0.03)
+        assert np.isfinite(left(found, of_repeat(found)))
+
+
+@pytest.mark.parametrize('made, said', [
+    ({'hidden': [(0, 0, 0.3), (1, 0, 0.3)]}, 'in its first'),
+    ({'hidden': [(0, 3, 9), (1, 3, 9)]}, 'at its end'),
+    ({'hidden': [(0, 3, 9), (1, 0, 0.3)]}, 'both while'),
+    ({'begin': AT - 0.1}, 'begin earlier'), ({'begin': AT + 0.3}, 'begin earlier'),
+    ({'end': AT + 0.4}, 'until it settles')])
+def test_what_shows_no_release_from_rest_to_rest_is_refused(made, said):
+    with pytest.raises(RecordingError, match=said):
+        release_of(prepared(**made))
+
+
+def test_a_long_rest_after_the_ringing_does_not_hide_it():
+    found = release_of(prepared(end=40.0))
+    assert found.ring.frequency == pytest.approx(FREQUENCY_HZ, rel=2e-3)
+    assert found.ring.damping == pytest.approx(RATIO, rel=0.03)
 
 
 def test_a_marker_of_the_base_that_comes_off_is_told_and_left_out():
