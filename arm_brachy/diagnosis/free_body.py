@@ -25,6 +25,7 @@ from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
 from arm_brachy.diagnosis.free_study import FreeStudy
 from arm_brachy.diagnosis.free_table import FreePriors
 from arm_brachy.diagnosis.inference import posterior
+from arm_brachy.diagnosis.modulus import scaled
 from arm_brachy.diagnosis.prepared import prepare
 from arm_brachy.diagnosis.statements import Alternative, NextExperiment, Place, StreamFit
 
@@ -45,7 +46,7 @@ class FreeParts:
     recalibrated : 'E' -> Estimate, with the causes;  plain : the same without any
     next_experiment : NextExperiment or None;  held_out, chance, apart : as in Diagnosis
     findings : finding.Finding of base markers;  notes : sentences
-    table : (Row, measured, as given, recalibrated, with the causes, error) per observable
+    table : (Row, measured, at the modulus asked for, recalibrated, with the causes, error) each
     """
 
     decision: object
@@ -91,8 +92,8 @@ def free_diagnosis_parts(evidences, scene=None, held_out=(), progress=None, rng=
     priors = FreePriors()
     looks = [Look(prepare(e)) for e in (*evidences, *held_out)]
     fitted, tested = looks[:len(evidences)], looks[len(evidences):]
-    specimens = {look.scene.name: free_specimen(look.scene) for look in looks}
-    study = _study(fitted, specimens, priors)
+    given = {look.scene.name: free_specimen(look.scene) for look in looks}
+    study, specimens = _at_its_modulus(fitted, given, priors)
     frees, dropped = _considered(specimens[fitted[0].scene.name],
                                  drifts_restart or len(looks) < 2)
     answers = study.answers(frees, progress)
@@ -100,7 +101,26 @@ def free_diagnosis_parts(evidences, scene=None, held_out=(), progress=None, rng=
     dropped = (*dropped, *absurd)
     decision = Judge(problem, rng).decide()
     plain = refit(study, problem)
-    return _parts(study, problem, decision, answers, plain, dropped, fitted, tested, specimens)
+    return _parts(study, problem, decision, answers, plain, dropped, fitted, tested, given,
+                  specimens)
+
+
+def _at_its_modulus(looks, given, priors):
+    """(FreeStudy, name -> Specimen) at the modulus that the recordings ask for by full solutions.
+
+    given : name -> Specimen as the scenes have it. How far a body sags goes as one over its
+    modulus: answers taken at one that is 30 % off are 30 % off and more.
+    """
+    study = _study(looks, given, priors)
+    try:
+        ratio = refit(study, study.problem((), mesh=False)).stiffness(1.0).value
+    except NotConverged:
+        return study, given
+    scenes = {name: scaled(one.scene, ratio) for name, one in given.items()}
+    if all(scenes[name] is one.scene for name, one in given.items()):
+        return study, given
+    specimens = {name: free_specimen(scene) for name, scene in scenes.items()}
+    return _study(looks, specimens, priors), specimens
 
 
 def _study(looks, specimens, priors):
@@ -137,7 +157,7 @@ def _alone(problem, answer):
     return posterior(U, problem.r).mean[:answer.columns.shape[1]] * answer.free.prior
 
 
-def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, specimens):
+def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, given, specimens):
     by_key = {a.free.key: a for a in answers}
     fits = _fits(study, problem, decision, by_key)
     causes, where = _causes(problem, decision, answers, fits)
@@ -149,13 +169,13 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, sp
     intervals = () if decision.verdict == 'nothing_missing' else said.when(study, gain, term)
     if decision.verdict != 'nothing_missing' and not where:
         where = (Place(stream=study.cases[0].release.kind, channel=said.loudest(study, gain)[0]),)
-    E = fitted[0].scene.material.E
+    E = specimens[fitted[0].scene.name].scene.material.E
     best = named or plain
     apart = [c.separation for c in decision.equals if np.isfinite(c.separation)]
     return FreeParts(
         decision, decision.verdict, causes, where, intervals,
         said.alternatives(problem, decision, answers, dropped),
-        _held_out(plain, named, fitted, tested, specimens),
+        _held_out(plain, named, fitted, tested, given, specimens),
         {'E': best.stiffness(E)}, {'E': plain.stiffness(E)}, _next(decision),
         decision.accepted.held_out if decision.accepted else None, decision.left.chance,
         min(apart) if apart else None, base_marker_findings(
@@ -198,22 +218,21 @@ def _causes(problem, decision, answers, fits):
     return tuple(causes), tuple(p for p in places if p is not None)
 
 
-def _held_out(plain, named, fitted, tested, specimens):
+def _held_out(plain, named, fitted, tested, given, specimens):
     """StreamFit of every recording held out, or of those fitted where there is none."""
     out = []
     for look in tested or fitted:
-        specimen = specimens[look.scene.name]
-        index = look.index(specimen)
-
-        def error(terms, look=look, specimen=specimen, index=index):
+        def error(terms, specimen=specimens[look.scene.name], look=look):
             model = FreeModel(specimen, terms)
-            return trace.left(look.release, trace.of_model(model, look.release, index))
+            return trace.left(look.release, trace.of_model(model, look.release,
+                                                           look.index(specimen)))
 
         repeats = [one for one in fitted if one.scene.name == look.scene.name
                    and one.release.names == look.release.names]
         floor = min(trace.left(look.release, trace.of_repeat(one.release))
                     for one in (repeats or [look]))
-        out.append(StreamFit(look.release.kind, error(()), error(plain.terms), floor,
+        out.append(StreamFit(look.release.kind, error((), given[look.scene.name]),
+                             error(plain.terms), floor,
                              None if named is None else error(named.terms),
                              look.release.name if tested else ''))
     return tuple(out)

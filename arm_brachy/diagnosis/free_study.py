@@ -112,7 +112,7 @@ class FreeStudy:
         there = self.vector((StiffnessScale(factor=float(np.exp(LIFT))),))
         return ((there - self.start) / LIFT * self.priors.modulus / self.sd)[:, None]
 
-    def nuisances(self):
+    def nuisances(self, mesh=True):
         """(n, k) all that needs no cause but the modulus: frames, hands, bases, places, mesh."""
         blocks, first = [], 0
         for case in self.cases:
@@ -122,11 +122,14 @@ class FreeStudy:
             full[first:first + len(own)] = own
             blocks.append(full / self.sd[:, None])
             first += len(own)
-        return np.hstack([*blocks, self._mesh()])
+        return np.hstack([*blocks, self._mesh()] if mesh else blocks)
 
-    def problem(self, answers):
-        """Return the decide.Problem with an Explanation for each Answer."""
-        U = np.hstack([self.nuisances(), self.modulus()])
+    def problem(self, answers, mesh=True):
+        """Return the decide.Problem with an Explanation for each Answer.
+
+        mesh : False where its error, which takes a better mesh to know, does not matter
+        """
+        U = np.hstack([self.nuisances(mesh), self.modulus()])
         kinds = np.array([f'{row.scene} {kind_of(row)}' for row in self.rows])
         seen = np.array([row.kind != BASE for row in self.rows])
         return Problem(self.residual(), U, kinds, np.eye(len(self.rows))[:, seen],

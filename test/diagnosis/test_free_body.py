@@ -96,6 +96,14 @@ def test_nothing_is_missing_where_nothing_is(recorded):
     assert fit.held_out == 'run_2'
 
 
+@pytest.mark.parametrize('stiffness', [0.5, 2.5])
+def test_a_modulus_that_is_far_off_is_calibration_too(recorded, stiffness):
+    """Sag goes as one over the modulus: no tangent at the scene's reaches there."""
+    parts = free_diagnosis_parts((recorded(stiffness=stiffness),))
+    assert parts.verdict == 'nothing_missing'
+    assert parts.recalibrated['E'].value == pytest.approx(stiffness * 150e3, rel=0.03)
+
+
 def test_damping_that_is_wrong_is_found(recorded):
     """Three times the damping of mass: a ratio of 0.054 at 9 Hz becomes 0.108.
 
