@@ -30,6 +30,7 @@ THINNEST = 8        # frames of a channel in either half of the ringing, fewer s
 UNSETTLED = 0.05    # of the whole way: what moves more in its last window has not settled
 PARTS_RUNG = (1.0, 0.5, 0.25, 0.125, 0.0625)    # of a recording: a long rest hides what rings
 LAST = 0.1          # of a recording: where its markers end
+LONGEST_LAST = 1.0  # s of that at most: a long hold is no end
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,7 @@ def _seen_at_both_ends(stream, name):
 
 def _last(t):
     """Time [s] from which on a recording is at its end."""
-    return t[-max(int(LAST * len(t)), 1)]
+    return max(t[-max(int(LAST * len(t)), 1)], t[-1] - LONGEST_LAST)
 
 
 def _release(stream, sd, name):

@@ -25,7 +25,7 @@ LEAST_IDLE = 20      # samples of idle below which the data sheet is asked
 SILENT = 1e-3        # of the data sheet's noise: no sensor has less
 ENOUGH_VALUES = 20_000   # to see the counts of a digitised signal
 PRIOR_SAMPLES = 30   # idle samples that the pooled variance of a stream counts for
-STILL_SHARE = 0.2    # of a stream of a body without pads, at its end, where it has come to rest
+STILL_SHARE = 0.2    # of what follows the release of a body without pads: it has come to rest
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,12 @@ def noise_of(evidence, devices=None, colours=None):
         None = their defaults
     colours : kind -> Colour that is known from elsewhere, None = none
     Idle is the time before the first push, and if that is less than 5 s also the second half of
-    the later stretches in which the pads stand; of a body without pads it is the last fifth of the
-    recording. What may be creep is taken out as a parabola. Noise that outlasts such stretches
-    shows between rests without a push, if these are the idle (`over_rests`); how much more they
-    differ is left in doubt (`excess`). Variances of channels are pooled, the pool weighing 30
-    samples; an encoder that shows no noise has that of its quantisation.
+    the later stretches in which the pads stand; of a body without pads it is the last fifth of
+    what follows its fastest motion. What may be creep is taken out as a parabola. Noise that
+    outlasts such stretches shows between rests without a push, if these are the idle
+    (`over_rests`); how much more they differ is left in doubt (`excess`). Variances of channels
+    are pooled, the pool weighing 30 samples; an encoder that shows no noise has that of its
+    quantisation.
     """
     spans, rests, out = idle_spans(evidence), rest_spans(evidence), {}
     for kind, stream in evidence.streams.items():
@@ -106,7 +107,7 @@ def idle_spans(evidence):
     """
     motion = motion_of(evidence)
     if motion is None:
-        start, end = evidence.span
+        start, end = _fastest(evidence), evidence.span[1]
         return ((end - STILL_SHARE * (end - start), end, False),)
     first = evidence.get(ENCODER).t[0]
     spans = []
@@ -119,6 +120,14 @@ def idle_spans(evidence):
         if settled and end - start >= ENOUGH_IDLE:
             break
     return tuple(spans)
+
+
+def _fastest(evidence):
+    """Time [s] within the span at which a body without pads moves fastest: it was let go there."""
+    stream = next(evidence.streams[kind] for kind in (OPTICAL, EM, FORCE)
+                  if kind in evidence.streams)
+    steps = np.linalg.norm(np.nan_to_num(np.diff(stream.values, axis=0)), axis=2).sum(axis=1)
+    return float(np.clip(stream.t[int(np.argmax(steps))], *evidence.span))
 
 
 def _noise(stream, spans, rests, devices, known):

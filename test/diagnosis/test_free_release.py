@@ -108,6 +108,15 @@ def test_a_long_rest_after_the_ringing_does_not_hide_it():
     assert found.ring.damping == pytest.approx(RATIO, rel=0.03)
 
 
+def test_a_long_hold_is_neither_noise_nor_end(release):
+    """Of 65 s the last fifth has all of the ringing in it, of 105 s the last tenth as well."""
+    for hold in (60.0, 100.0):
+        found = release_of(prepared(begin=-hold))
+        assert found.t == pytest.approx(AT, abs=2.0 * STEP)
+        assert found.noise == pytest.approx(release.noise, rel=0.3)
+        assert found.moved[-1] == pytest.approx(release.moved[-1], abs=10e-6)
+
+
 def test_a_marker_of_the_base_that_comes_off_is_told_and_left_out():
     found = release_of(prepared(odd=0.8e-3))
     name, moved = found.odd
