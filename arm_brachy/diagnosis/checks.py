@@ -1,5 +1,7 @@
 """What no diagnosis can be made of, refused in one line: units, wrong scene, wrong clocks."""
 
+from itertools import combinations
+
 import numpy as np
 
 from arm_brachy.core.errors import RecordingError
@@ -114,24 +116,45 @@ def refuse_other_shape(name, streams, scene):
         return
     stream = stream.channels(np.flatnonzero(seen))
     found = np.nanmedian(stream.values[_frames(stream, frames)], axis=0)
-    size = _spread(stream.rest)
-    try:
-        left = fit_rigid(found, stream.rest).residual
-    except RecordingError:   # three markers on a line leave a rotation open
+    refuse_misshapen(name, stream.names, found, stream.rest, scene)
+
+
+def refuse_misshapen(name, names, found, wanted, scene):
+    """Raise RecordingError if markers have not the shape that they should, wherever they lie.
+
+    names : (k,);  found, wanted : (k, 3) [m], at least three. If it is only that two names are
+    exchanged, whichever, they are named.
+    """
+    size, misfit = _spread(wanted), _misfit(found, wanted)
+    if misfit is None or misfit <= MISSHAPEN * size:
         return
-    misfit = float(np.sqrt(np.mean(left ** 2)))
-    if misfit > MISSHAPEN * size:
-        one, two = (int(i) for i in np.argsort(-left)[:2])
-        worst = stream.names[one], stream.names[two]
-        found[[one, two]] = found[[two, one]]
-        if np.sqrt(np.mean(fit_rigid(found, stream.rest).residual ** 2)) < MISSHAPEN * size:
-            raise RecordingError(f'{name}: the markers fit scene {scene.name} only with the names '
-                                 f'of {worst[0]} and {worst[1]} exchanged; mend the import')
-        raise RecordingError(
-            f'{name}: at rest the markers miss those of scene {scene.name} by {1e3 * misfit:.3g} '
-            f'mm rms after the best rigid fit, {100.0 * misfit / size:.0f} % of their spread, at '
-            f'most {100.0 * MISSHAPEN:.0f} % is a deformation; most at {worst[0]} and {worst[1]}: '
-            'give the scene it was made with')
+    pairs = {pair: _misfit(_exchanged(found, *pair), wanted)
+             for pair in combinations(range(len(names)), 2)}
+    pairs = {pair: left for pair, left in pairs.items() if left is not None}
+    if pairs and min(pairs.values()) < MISSHAPEN * size:
+        one, two = min(pairs, key=pairs.get)
+        raise RecordingError(f'{name}: the markers fit scene {scene.name} only with the names '
+                             f'of {names[one]} and {names[two]} exchanged; mend the import')
+    one, two = (int(i) for i in np.argsort(-fit_rigid(found, wanted).residual)[:2])
+    raise RecordingError(
+        f'{name}: at rest the markers miss those of scene {scene.name} by {1e3 * misfit:.3g} '
+        f'mm rms after the best rigid fit, {100.0 * misfit / size:.0f} % of their spread, at '
+        f'most {100.0 * MISSHAPEN:.0f} % is a deformation; most at {names[one]} and {names[two]}: '
+        'give the scene it was made with')
+
+
+def _misfit(found, wanted):
+    """[m] rms left by the best rigid fit; None where it leaves a rotation open (on one line)."""
+    try:
+        return float(np.sqrt(np.mean(fit_rigid(found, wanted).residual ** 2)))
+    except RecordingError:
+        return None
+
+
+def _exchanged(points, one, two):
+    out = points.copy()
+    out[[one, two]] = points[[two, one]]
+    return out
 
 
 def _unpushed(streams):

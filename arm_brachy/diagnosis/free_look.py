@@ -6,6 +6,7 @@ Test: diagnosis/test_free_body.py
 import numpy as np
 
 from arm_brachy.core.errors import RecordingError
+from arm_brachy.diagnosis.checks import refuse_misshapen
 from arm_brachy.diagnosis.free_release import release_of
 from arm_brachy.diagnosis.free_table import case_of
 from arm_brachy.diagnosis.stream import OPTICAL
@@ -21,6 +22,7 @@ class Look:
 
     def __init__(self, prepared):
         self.prepared, self.scene = prepared, prepared.evidence.scene
+        _refuse_other_markers(prepared)
         self.release = release_of(prepared)
         self.placement = _placement(prepared)
 
@@ -33,6 +35,21 @@ class Look:
         """Its free_table.Case."""
         return case_of(self.release, self.scene, self.index(specimen), priors,
                        self.prepared.calibration)
+
+
+def _refuse_other_markers(prepared):
+    """Raise RecordingError if its markers at rest, on base and tissue, are not the scene's.
+
+    A body that is held before it is let go has the shape of its scene then.
+    """
+    found, optical = prepared.registration, prepared.evidence.get(OPTICAL)
+    if found is None or optical is None:
+        return
+    seen = np.isfinite(found.rest).all(axis=1)
+    if seen.sum() >= 3:
+        refuse_misshapen(prepared.evidence.name,
+                         tuple(n for n, here in zip(optical.names, seen, strict=True) if here),
+                         found.rest[seen], optical.rest[seen], prepared.evidence.scene)
 
 
 def _placement(prepared):

@@ -9,6 +9,7 @@ from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Marker, MeshFile, Region, Scene
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.free_findings import base_marker_findings
+from arm_brachy.diagnosis.free_look import Look
 from arm_brachy.diagnosis.free_model import Swing
 from arm_brachy.diagnosis.free_release import release_of
 from arm_brachy.diagnosis.free_table import CREEP, DAMPING, FREQUENCY, case_of, predicted
@@ -37,14 +38,16 @@ def motion(t, swing=1.0):
     return np.where(t > AT, slow - (1.0 - CREEPS) * swing * ring, 0.0)[:, None, None] * SAG
 
 
-def prepared(seed=0, swing=1.0, odd=0.0, returns=False, begin=0.0, end=LASTS, hidden=()):
-    """hidden : (marker on the tissue, from, to [s]) each"""
+def prepared(seed=0, swing=1.0, odd=0.0, returns=False, begin=0.0, end=LASTS, hidden=(),
+             order=None):
+    """hidden : (marker on the tissue, from, to [s]) each;  order : of markers under the names"""
     t = np.arange(round(begin / STEP), round(end / STEP)) * STEP
     points = np.tile([*PLACES.values(), *BASE.values()], (len(t), 1, 1))
     went = motion(t, swing)
     points[:, :2] += went * (t < AT + 1.0)[:, None, None] if returns else went
     points[t > AT, 4, 0] += odd
     points += np.random.default_rng(seed).normal(0.0, NOISE, points.shape)
+    points = points[:, list(order or range(len(points[0])))]
     visible = np.ones(points.shape[:2], dtype=bool)
     for k, first, last in hidden:
         visible[(t >= first) & (t <= last), k] = False
@@ -106,6 +109,15 @@ def test_a_long_rest_after_the_ringing_does_not_hide_it():
     found = release_of(prepared(end=40.0))
     assert found.ring.frequency == pytest.approx(FREQUENCY_HZ, rel=2e-3)
     assert found.ring.damping == pytest.approx(RATIO, rel=0.03)
+
+
+@pytest.mark.parametrize('order, said', [
+    ((1, 0, 2, 3, 4), 'names of tip and half exchanged'),
+    ((2, 1, 0, 3, 4), 'give the scene'), ((1, 2, 3, 0, 4), 'give the scene')])
+def test_markers_of_other_names_are_refused(order, said):
+    with pytest.raises(RecordingError, match=said):
+        Look(prepared(order=order))
+    Look(prepared())
 
 
 def test_a_long_hold_is_neither_noise_nor_end(release):
