@@ -54,13 +54,16 @@ def of_repeat(release):
     ring = release.ring
     if ring is None:
         return Description(release.times, release.moved, np.nan, np.nan, release.moved[-1])
+    ends = np.array([ring.span[0], release.since[-1]])
+    if len(release.times) == 1:     # too short a rest for the slope of what creeps
+        return Description(ends, np.repeat(release.moved, 2, axis=0), ring.frequency,
+                           ring.damping, ring.shape)
     late = release.since >= ring.span[1]
     t, path = release.since[late], release.path[late].reshape(late.sum(), -1)
     basis = np.column_stack([np.ones(len(t)), np.log(t)])
     seen = np.isfinite(path)
     fit = np.column_stack([np.linalg.lstsq(basis[here], column[here], rcond=None)[0]
                            for column, here in zip(path.T, seen.T, strict=True)])
-    ends = np.array([ring.span[0], release.since[-1]])
     moved = np.column_stack([np.ones(2), np.log(ends)]) @ fit
     return Description(ends, moved.reshape(2, -1, 3), ring.frequency, ring.damping, ring.shape)
 

@@ -159,3 +159,9 @@ def test_how_hard_and_when_the_hand_lets_go_is_no_error(release):
     assert left(other, same) < 4.0 * NOISE + 0.05e-3
     wrong = Description(same.t, same.moved, 1.05 * same.frequency, same.damping, same.shape)
     assert left(other, wrong) > 5.0 * left(other, same)
+
+
+def test_a_repeat_too_short_to_show_creep_describes_none(release):
+    """What creeps after it, 5 % of 8 mm at most, is what it leaves; no slope of a tenth of it."""
+    short = release_of(prepared(seed=1, end=AT + 1.6))
+    assert left(release, of_repeat(short)) < CREEPS * np.abs(SAG).max()
