@@ -34,6 +34,9 @@ ABSURD = 'it would need a value that is impossible'
 AFRESH = 'it would have to begin anew with every recording'
 KNOWN = ('Of a released body only modulus over density is seen: E holds if the density of the '
          'scene does. The size of gravity is taken as known, its direction is not.')
+OTHER_BODY = ("The modulus that fits is {:.2g} times the scene's: a weight, a density or a length "
+              'that is not that of the scene asks for one as well. A weight that hangs on the '
+              'body is written in the scene under loads: name, position_mm, mass_g.')
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,7 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
         decision.accepted.held_out if decision.accepted else None, decision.left.chance,
         min(apart) if apart else None, base_marker_findings(
             [look.release for look in fitted + tested], fitted[0].prepared.calibration.base),
-        _notes(fitted, best),
+        _notes(fitted, best.stiffness(E).value / fitted[0].scene.material.E, study.priors),
         _table(study, plain, named))
 
 
@@ -250,8 +253,11 @@ def _next(decision):
     return NextExperiment(instruction=what, splits=tuple((names[0], n) for n in names[1:]))
 
 
-def _notes(fitted, fit):
+def _notes(fitted, ratio, priors):
+    """ratio : modulus that fits over the scene's"""
     out = [KNOWN]
+    if abs(np.log(ratio)) > priors.modulus:
+        out.append(OTHER_BODY.format(ratio))
     if any(look.scene.loads for look in fitted):
         out.append('Where the weight hangs is taken from the scene; 1 mm further out on a beam of '
                    '100 mm sags by 1.5 % more, which reads as a softer body.')

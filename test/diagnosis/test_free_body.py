@@ -89,6 +89,7 @@ def test_nothing_is_missing_where_nothing_is(recorded):
     parts = free_diagnosis_parts((recorded(stiffness=1.15),),
                                  held_out=(recorded(seed=2, stiffness=1.15),))
     assert parts.verdict == 'nothing_missing' and not parts.causes and not parts.when
+    assert not any('under loads' in note for note in parts.notes)
     E = parts.recalibrated['E']
     assert E.low < 1.15 * 150e3 < E.high and E.high - E.low < 0.05 * E.value
     fit, = parts.fit
@@ -102,6 +103,7 @@ def test_a_modulus_that_is_far_off_is_calibration_too(recorded, stiffness):
     parts = free_diagnosis_parts((recorded(stiffness=stiffness),))
     assert parts.verdict == 'nothing_missing'
     assert parts.recalibrated['E'].value == pytest.approx(stiffness * 150e3, rel=0.03)
+    assert any('under loads' in note for note in parts.notes)
 
 
 def test_damping_that_is_wrong_is_found(recorded):
