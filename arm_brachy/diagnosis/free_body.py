@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from arm_brachy.core.errors import InputError, NotConverged
+from arm_brachy.core.errors import InputError, NotConverged, RecordingError
 from arm_brachy.diagnosis import free_statements as said
 from arm_brachy.diagnosis import free_trace as trace
+from arm_brachy.diagnosis.checks import OUT_OF_SCALE
 from arm_brachy.diagnosis.decide import Judge
 from arm_brachy.diagnosis.free_findings import base_marker_findings
 from arm_brachy.diagnosis.free_fit import refit
@@ -23,7 +24,7 @@ from arm_brachy.diagnosis.free_hypotheses import free_hypotheses
 from arm_brachy.diagnosis.free_look import Look
 from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
 from arm_brachy.diagnosis.free_study import FreeStudy
-from arm_brachy.diagnosis.free_table import FreePriors
+from arm_brachy.diagnosis.free_table import SETTLED, FreePriors
 from arm_brachy.diagnosis.inference import posterior
 from arm_brachy.diagnosis.modulus import scaled
 from arm_brachy.diagnosis.prepared import prepare
@@ -115,6 +116,7 @@ def _at_its_modulus(looks, given, priors):
     modulus: answers taken at one that is 30 % off are 30 % off and more.
     """
     study = _study(looks, given, priors)
+    _refuse_other_size(study)
     try:
         ratio = refit(study, study.problem((), mesh=False)).stiffness(1.0).value
     except NotConverged:
@@ -124,6 +126,19 @@ def _at_its_modulus(looks, given, priors):
         return study, given
     specimens = {name: free_specimen(scene) for name, scene in scenes.items()}
     return _study(looks, specimens, priors), specimens
+
+
+def _refuse_other_size(study):
+    """Raise RecordingError if a body goes 30 times as far as its model, or a thirtieth of it."""
+    settled = np.array([row.kind == SETTLED for row in study.rows])
+    for case in study.cases:
+        mine = settled & np.array([row.recording == case.release.name for row in study.rows])
+        seen, made = (1e3 * np.sqrt(np.mean(v[mine] ** 2)) for v in (study.values, study.start))
+        if not seen / OUT_OF_SCALE <= made <= seen * OUT_OF_SCALE:
+            raise RecordingError(
+                f'{case.release.name}: let go its markers go {seen:.2g} mm (rms per axis), in '
+                f'scene {case.scene} {made:.2g} mm; record from the hold to the rest, and give '
+                'gravity, loads and modulus of the scene it was made with')
 
 
 def _study(looks, specimens, priors):

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.core.errors import InputError
+from arm_brachy.core.errors import InputError, RecordingError
 from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, Region, Scene
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.free_body import free_diagnosis_parts, is_free
@@ -158,3 +158,11 @@ def test_other_bodies_are_refused(scene):
     with pytest.raises(InputError, match='quasi'):
         free_diagnosis_parts((SimpleNamespace(
             name='run', scene=replace(scene, dynamics='quasi_static')),))
+
+
+@pytest.mark.parametrize('gravity', [(0.0, 0.0, 0.0), (0.0, 0.0, -0.2)])
+def test_a_body_that_goes_another_way_by_far_is_refused(recorded, scene, gravity):
+    """As one that was recorded after it had settled, of which only creep is seen."""
+    evidence = replace(recorded(), scene=replace(scene, gravity=gravity))
+    with pytest.raises(RecordingError, match='from the hold to the rest'):
+        free_diagnosis_parts((evidence,))
