@@ -16,6 +16,7 @@ from arm_brachy.experiments import (
     diagnosis_laboratories,
     diagnosis_totals,
 )
+from arm_brachy.experiments.dome_faults import study as dome_faults
 from arm_brachy.experiments.gel_block import study as gel_block
 
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
@@ -121,6 +122,10 @@ def _laboratories(results):
     return diagnosis_laboratories.markdown(_load(results, diagnosis_laboratories.NAME))
 
 
+def _dome_faults(results):
+    return dome_faults.markdown(_load(results, dome_faults.NAME))
+
+
 def _gel_block(results):
     return gel_block.markdown(_load(results, gel_block.NAME))
 
@@ -139,7 +144,8 @@ def _mean(rows, key):
 
 
 BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers,
-            'diagnosis': _diagnosis, 'laboratories': _laboratories, 'gel': _gel_block,
+            'diagnosis': _diagnosis, 'laboratories': _laboratories,
+            'faults': _dome_faults, 'gel': _gel_block,
             'trials': blind_trials.markdown, 'baselines': blind_trials.baselines}
 
 
