@@ -12,6 +12,7 @@ from arm_brachy.recording.rigid import fit_rigid
 OUT_OF_SCALE = 30.0     # between any honest misfit and the 1000 of a wrong unit
 SHARED = 0.5            # of the shorter stream that must lie within the other's time
 MISSHAPEN = 0.15        # of the markers' rms distance from their middle, left by a rigid fit
+FEWEST_READ = 10        # samples of all encoders at one time
 LEAST_TRAVEL = 0.02     # of the radius of a pad
 LEAST_MOTION = 5.0      # standard deviations, of a body without pads
 MEDIAN_CHI2 = 0.4549    # of a squared standard normal
@@ -23,6 +24,20 @@ def refuse_empty(name, streams):
         raise RecordingError(f'{name}: holds no forces, markers or EM tools that live; record '
                              'actuators/state and at least one of optical/markers, em/.../pose, '
                              'force/.../wrench')
+
+
+def refuse_lost_encoders(name, streams):
+    """Raise RecordingError if there are hardly any times at which every encoder was read."""
+    encoder = streams.get(ENCODER)
+    if encoder is None:
+        return
+    together = int(encoder.valid.all(axis=1).sum())
+    if together < FEWEST_READ:
+        worst = encoder.names[int(np.argmin(encoder.valid.sum(axis=0)))]
+        raise RecordingError(
+            f'{name}: the travel of all pads together is known at {together} times, at least '
+            f'{FEWEST_READ} are needed; least is known of {worst}: mend the import of the '
+            'encoders')
 
 
 def refuse_wrong_units(name, streams, scene):
@@ -178,7 +193,8 @@ def _frames(stream, span):
 def refuse_too_little_motion(name, streams, scene):
     """Raise RecordingError if no pad moved by 2 % of its radius, or without pads no marker."""
     if scene.pads:
-        travel = float(np.nanmax(np.ptp(streams[ENCODER].values[..., 0], axis=0)))
+        encoder = streams[ENCODER]
+        travel = float(np.ptp(encoder.values[encoder.valid.all(axis=1), :, 0], axis=0).max())
         least = LEAST_TRAVEL * max(pad.radius for pad in scene.pads)
         if travel < least:
             raise RecordingError(

@@ -95,9 +95,11 @@ def evidence_of(run, scene, *, samples=SAMPLES):
     *found, base = (None if s is None else _fit_in(s, samples, notes) for s in found)
     streams = {s.kind: s for s in found if s is not None}
     checks.refuse_empty(run.name, streams)
+    checks.refuse_lost_encoders(run.name, streams)
     checks.refuse_wrong_units(run.name, streams, scene)
     if scene.pads and ENCODER not in streams:
         streams[ENCODER] = _travel_from_markers(run.name, streams, scene, notes)
+        checks.refuse_lost_encoders(run.name, streams)
     checks.refuse_apart_in_time(run.name, streams)
     checks.refuse_other_shape(run.name, streams, scene)
     checks.refuse_too_little_motion(run.name, streams, scene)

@@ -209,6 +209,26 @@ def test_nothing_that_moves_is_refused(laboratory, scene):
         evidence_of(still, scene)
 
 
+@pytest.mark.parametrize('lost', ['one', 'all', 'in turn'])
+def test_encoders_that_were_never_read_together_are_refused(run, scene, lost):
+    values = run.encoder.values.copy()
+    if lost == 'one':
+        values[:, 1] = np.nan
+    elif lost == 'all':
+        values[:] = np.nan
+    else:
+        values[::2, 0], values[1::2, 1] = np.nan, np.nan
+    with pytest.raises(RecordingError, match='travel of all pads together is known at 0 times'):
+        evidence_of(replace(run, encoder=Series(run.encoder.t, values)), scene)
+
+
+def test_nothing_that_moves_is_refused_with_a_sample_lost_as_well(run, scene):
+    values = np.full_like(run.encoder.values, 3e-3)
+    values[5] = np.nan
+    with pytest.raises(RecordingError, match='no pad travels'):
+        evidence_of(replace(run, encoder=Series(run.encoder.t, values)), scene)
+
+
 def test_nothing_recorded_is_refused(run, scene):
     tools = {t: EmSamples(e.t, e.position, e.quality, e.status + 9) for t, e in run.em.items()}
     for nothing in (RunData('empty', '', 0, '', ''), RunData('lost', '', 0, '', '', em=tools),
