@@ -58,7 +58,8 @@ def _sound(stream, noise, events):
 def _loaded(prepared, stream, motion, valid, noise, sd, jumps):
     """Motion in proportion to the pushes, and with time."""
     t, (tt, q) = stream.t, prepared.travel
-    pads = moving(q, prepared.motion.touch)
+    pads = [i for i in moving(q, prepared.motion.touch)
+            if np.ptp(q[:, i]) > prepared.motion.touch]   # not one that rests pushed in
     columns = {'1': np.ones(len(t)), 'time': (t - t[0]) / (t[-1] - t[0])}
     columns |= {f'q{i}': np.interp(t, tt, q[:, i]) / np.ptp(q[:, i]) for i in pads}
     columns |= {f'jump {time}': (t >= time).astype(float) for time in jumps}

@@ -98,6 +98,14 @@ def test_a_recording_that_begins_with_a_push(laboratory, look):
     assert structure.findings == ()
 
 
+def test_a_pad_whose_encoder_stands_off_zero_all_the_time(recorded, look):
+    run = recorded(None, 2)
+    run = replace(run, encoder=replace(run.encoder, values=run.encoder.values.copy()))
+    run.encoder.values[:, 2] = 2e-3
+    assert not any(found.stream == 'optical' and 'base' in found.channel
+                   for found in look(run)[1].findings)
+
+
 def test_clocks_of_every_stream_are_handed_on(looked_at):
     structure = looked_at()[1]
     assert set(structure.clocks) == {'optical', 'em', 'force'}
