@@ -221,5 +221,6 @@ def residual_colour(t, residual, valid, sensor, sensor_sd):
     colour, variance = fit_colour(np.nanmean(relative, axis=1), pairs.sum(axis=1), lags, period)
     if variance <= 1.0:
         return sensor, np.full(residual.shape[1], sensor_sd)
-    loudness = relative[-1] / np.nanmean(relative[-1])
+    far = relative[np.flatnonzero(np.nan_to_num(relative).any(axis=1))[-1]]   # the longest known
+    loudness = np.nan_to_num(far) / np.nanmean(far)
     return colour, sensor_sd * np.sqrt(np.maximum(variance * loudness, 1.0))

@@ -96,6 +96,15 @@ def test_a_step_does_not_count_as_noise():
     assert sd[0] < 1.3 and colour.share < 0.35
 
 
+def test_a_series_that_was_seen_for_a_moment_has_noise_as_well():
+    """Of 20 s two: no two samples are as far apart as the longest lag that is asked for."""
+    n = 1000
+    x = 3.0 * draw(Colour(), n, 2, 'moment')
+    t, valid = np.arange(n) * PERIOD, np.arange(n) < 2.0 / PERIOD
+    _, sd = residual_colour(t, np.where(valid[:, None], x, np.nan), valid, Colour(), 1.0)
+    assert sd == pytest.approx([3.0, 3.0], rel=0.3)
+
+
 def test_gaps_leave_the_variogram_unbiased():
     n, k = 5000, 10
     x, seen = draw(Colour(0.4, 0.3), n, k, 'gaps'), stream(7, 'holes').random((n, k)) > 0.3
