@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from arm_brachy.diagnosis.clocks import lateness
+from arm_brachy.diagnosis.clocks import Lateness, lateness
 from arm_brachy.diagnosis.finding import Finding, alike, sigma, threshold
+from arm_brachy.diagnosis.rough_clock import FINE
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL, TISSUE
 
 LIMIT = threshold(3)    # standard deviations from which one of three clocks is at fault
@@ -38,8 +39,14 @@ def _believed(one, slack):
 
 
 def clock_findings(prepared, clocks):
-    """One finding per stream that is late; if all of them are alike, the encoders may be early."""
-    slack = prepared.calibration.clock
+    """One finding per stream that is late; if all of them are alike, the encoders may be early.
+
+    What was far off is set back already (`evidence.Evidence.late`) and counts here as well.
+    """
+    slack, back = prepared.calibration.clock, prepared.evidence.late
+    clocks = {kind: Lateness(0.0, FINE, ()) for kind in back} | clocks
+    clocks = {kind: replace(one, value=one.value + back.get(kind, 0.0))
+              for kind, one in clocks.items()}
     odd = {k: c for k, c in clocks.items() if sigma(c.value, c.sd, slack) > LIMIT}
     common = bool(odd) and len(odd) == len(clocks) and alike(
         [(one.value, one.sd) for one in odd.values()], slack)

@@ -50,7 +50,7 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     often = np.flatnonzero(valid.sum(axis=0) >= FEWEST)
     if not len(often) or len(t) < FEWEST:
         return None
-    series = _series(t, stream.values[inside][:, often], valid[:, often], noise.sd[often])
+    series = series_of(t, stream.values[inside][:, often], valid[:, often], noise.sd[often])
     following = Following(t, *series, noise.colour, travel, touch, memory)
     late = following.scanned()
     for _ in range(PASSES):
@@ -69,7 +69,7 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     return Lateness(float(late), float(error), names)
 
 
-def _series(t, values, valid, sd):
+def series_of(t, values, valid, sd):
     """All components side by side over their noise (n, s), gaps bridged; where they were seen."""
     n, k, c = values.shape
     flat, mask = values.reshape(n, -1).copy(), np.repeat(valid, c, axis=1)
@@ -101,16 +101,20 @@ class Following:
         Noise that lasts makes slow misfits larger than white noise of its size would, by its
         variance at low frequencies.
         """
-        every = max(int(THIN / np.median(np.diff(self.t))), 1)
-        thin = replace(self, t=self.t[::every], seen=self.seen[::every],
-                       y=np.where(self.seen, self.y, 0.0)[::every])
+        thin = self.thin()
         delays = PACE * np.arange(-round(WIDEST / PACE), round(WIDEST / PACE) + 1)
-        left = np.array([thin._left(delay) for delay in delays])
+        left = np.array([thin.left(delay) for delay in delays])
         best, zero = int(np.argmin(left)), len(delays) // 2
         lasting = self.colour.share * max(
             2.0 * self.colour.time / np.median(np.diff(thin.t)) - 1.0, 0.0)
         scale = max(left[best] / max(thin.seen.sum(), 1), 1.0) * (1.0 + lasting)
         return float(delays[best]) if left[zero] - left[best] > BETTER * scale else 0.0
+
+    def thin(self):
+        """The same of fewer samples, THIN [s] apart."""
+        every = max(int(THIN / np.median(np.diff(self.t))), 1)
+        return replace(self, t=self.t[::every], seen=self.seen[::every],
+                       y=np.where(self.seen, self.y, 0.0)[::every])
 
     def misfit(self, late):
         """(s,) chi^2 that each series leaves."""
@@ -136,7 +140,7 @@ class Following:
         blocks = np.sqrt(np.sum(np.add.reduceat(score, first)**2)) / power
         return float(score.sum() / power), max(1.0 / np.sqrt(power), float(blocks)), loud
 
-    def _left(self, late):
+    def left(self, late):
         """Sum of squares of y that no encoder explains, its noise taken for white."""
         Q, _ = np.linalg.qr(self._columns(late))
         return float(np.sum((self.y - Q @ (Q.T @ self.y))**2))

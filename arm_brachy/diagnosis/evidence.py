@@ -1,6 +1,6 @@
 """One recording as the diagnosis sees it: what a real cell would have published, nothing else."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -9,6 +9,7 @@ from arm_brachy.cell import pad_directions
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Scene
 from arm_brachy.diagnosis import checks
+from arm_brachy.diagnosis.rough_clock import on_one_clock
 from arm_brachy.diagnosis.stamps import from_zero, in_order, together
 from arm_brachy.diagnosis.stream import (
     EM,
@@ -36,6 +37,7 @@ class Evidence:
     streams : kind -> Stream; encoders and forces have a channel per pad that was measured
     base_force : Stream of one channel [N], what the base plate feels; None = not measured
     notes : sentences on what was left out, averaged or replaced
+    late : kind -> [s] by which stamps were too late and are set back, `rough_clock`
     """
 
     name: str
@@ -44,6 +46,7 @@ class Evidence:
     streams: dict
     base_force: Stream | None = None
     notes: tuple = ()
+    late: dict = field(default_factory=dict)
 
     @property
     def pads(self):
@@ -103,7 +106,8 @@ def evidence_of(run, scene, *, samples=SAMPLES):
     checks.refuse_apart_in_time(run.name, streams)
     checks.refuse_other_shape(run.name, streams, scene)
     checks.refuse_too_little_motion(run.name, streams, scene)
-    return Evidence(run.name, scene, pad_directions(scene), streams, base, tuple(notes))
+    return on_one_clock(
+        Evidence(run.name, scene, pad_directions(scene), streams, base, tuple(notes)))
 
 
 def _note_strange_sensors(run, scene, notes):

@@ -13,6 +13,7 @@ from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.history import history_columns, memories
 from arm_brachy.diagnosis.prepared import prepare
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL, TISSUE
+from arm_brachy.evaluation.timeseries import Series
 
 PADS = ('pad_0', 'pad_1', 'pad_2')
 STREAMS = {'pad markers': (OPTICAL, PADS), 'tissue markers': (OPTICAL, (TISSUE,)),
@@ -44,6 +45,29 @@ def test_a_shift_of_the_stamps_is_measured(prepared, name, shift):
     """Against the same stream before the shift, noise and all."""
     assert late(prepared, name, shift).value - late(prepared, name).value == pytest.approx(
         shift, abs=0.05 * abs(shift) + 2e-4)
+
+
+def moved(run, shift):
+    """The RunData with the stamps of all streams but the encoders later by `shift` [s]."""
+    return replace(run, force=Series(run.force.t + shift, run.force.values),
+                   optical=replace(run.optical, t=run.optical.t + shift),
+                   em={name: replace(s, t=s.t + shift) for name, s in run.em.items()})
+
+
+@pytest.mark.parametrize('shift', [1.0, -1.0, 0.4, -0.3])
+def test_clocks_farther_off_than_a_push_are_nothing_else(recorded, look, shift):
+    """By one clock pads stand, by the other they move: neither noise nor gains are seen so."""
+    prepared, structure = look(moved(recorded(), shift))
+    assert {f.term for f in structure.findings} == {'clock_offset'}
+    assert {f.stream for f in structure.findings} == {OPTICAL, EM, FORCE}
+    for found in structure.findings:
+        assert found.value == pytest.approx(shift, abs=3e-3)
+        assert prepared.evidence.late[found.stream] == pytest.approx(shift, abs=0.02)
+        assert abs(structure.late(found.stream)) < 0.02     # what is left to be put right
+
+
+def test_no_clock_is_set_back_for_less_than_a_push(recorded, look):
+    assert look(moved(recorded(), 0.04))[0].evidence.late == {}
 
 
 def test_errors_are_honest(laboratory, pushes):
