@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from arm_brachy.core.errors import RecordingError
 from arm_brachy.diagnosis.evidence import Evidence
 from arm_brachy.diagnosis.finding import Calibration
 from arm_brachy.diagnosis.motion import Motion, motion_of
@@ -53,16 +54,32 @@ def prepare(evidence, devices=None, calibration=None, noise=None):
     devices : kind -> devices.*Params for the data-sheet noise, None = defaults
     calibration : finding.Calibration, None = its defaults
     noise : kind -> noise.Noise that is known from more than this recording, None = from it alone
+    Markers in a frame that nothing tells are left out with a note. Raises RecordingError if
+    nothing else was recorded.
     """
     calibration = calibration or Calibration()
     noise = noise_of(evidence, devices) if noise is None else noise
     found = register(evidence, calibration.placement)
+    if found is not None and not found.known:
+        evidence, found = _without_markers(evidence), None
     if found is not None:
         optical = evidence.get(OPTICAL)
         moved = replace(optical, values=found.apply(optical.values))
         evidence = replace(evidence, streams={**evidence.streams, OPTICAL: moved})
         noise = {**noise, OPTICAL: noise[OPTICAL].turned(found.R)}
     return Prepared(evidence, motion_of(evidence), noise, found, calibration)
+
+
+def _without_markers(evidence):
+    """The Evidence without the optical stream, whose frame is not known."""
+    why = ('the optical markers are not where the scene has them, and fewer than three on base '
+           'and pads tell where the tracker stands')
+    streams = {kind: one for kind, one in evidence.streams.items() if kind != OPTICAL}
+    if not set(streams) - {ENCODER}:
+        raise RecordingError(f'{evidence.name}: {why}; register the tracker to the frame of the '
+                             'scene at the import, or record three such markers')
+    return replace(evidence, streams=streams,
+                   notes=(*evidence.notes, f'{why[0].upper()}{why[1:]}: they are left out.'))
 
 
 def rigid_motion(rest, moved, seen):

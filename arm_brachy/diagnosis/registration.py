@@ -6,11 +6,12 @@ import numpy as np
 
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.diagnosis.motion import motion_of
-from arm_brachy.diagnosis.stream import BASE, OPTICAL
+from arm_brachy.diagnosis.stream import BASE, ENCODER, OPTICAL
 from arm_brachy.recording.rigid import RigidFit, fit_rigid
 
 FIRST = 0.2     # s at the beginning that count as rest for a body without pads
 FEWEST = 4      # markers that stay in a fit from which others are left out
+FOREIGN = 30.0  # placements by which markers that cannot be fitted show another frame than W
 ODD = 5.0       # placements off the fit to the others: misplaced, not just glued by hand
 
 
@@ -22,6 +23,7 @@ class Registration:
         stream at rest, world frame, NaN where it was not seen then
     residual : (k,) [m] distance of these from the scene;  on : names it was fitted to, () = none
     span : (t_start, t_end) [s] that counted as rest, None if pads pushed from the start
+    known : False if nothing could be fitted and the markers are not where the scene has them
     """
 
     R: np.ndarray
@@ -30,6 +32,7 @@ class Registration:
     residual: np.ndarray
     on: tuple
     span: tuple | None
+    known: bool = True
 
     def apply(self, points):
         """Take points (..., 3) from the tracker's frame to the world."""
@@ -42,7 +45,8 @@ def register(evidence, placement):
     placement : [m] standard deviation per axis of a marker's place on base or pad
     Fitted to the markers on base and pads if three or more were seen at rest, for these the scene
     knows better than those on tissue, without any that is far off; else to all. A recording that
-    begins with a push is fitted to its base markers alone.
+    begins with a push is fitted to its base markers alone. Where these are too few, base and pads
+    are fitted wherever the encoders say that they are.
     """
     optical = evidence.get(OPTICAL)
     if optical is None:
@@ -59,10 +63,43 @@ def register(evidence, placement):
         if fit is not None:
             break
     else:
+        index, fit = _fit_along_the_way(evidence, optical, placement)
+    known = fit is not None or _at_home(evidence, optical, placement)
+    if fit is None:
         index, fit = [], RigidFit(np.eye(3), np.zeros(3), np.zeros(0))
     rest = fit.apply(rest)
     return Registration(fit.R, fit.p, rest, np.linalg.norm(rest - optical.rest, axis=1),
-                        tuple(optical.names[i] for i in index), span)
+                        tuple(optical.names[i] for i in index), span, known)
+
+
+def _fit_along_the_way(evidence, optical, placement):
+    """As `_sound_fit` to base and pads, means over all times at which each was seen."""
+    if evidence.get(ENCODER) is None:
+        return [], None
+    found = np.nanmean(optical.values, axis=0)
+    wanted = np.nanmean(_carried(evidence, optical), axis=0)
+    return _sound_fit(found, wanted, optical.on(BASE, *evidence.pads), placement)
+
+
+def _at_home(evidence, optical, placement):
+    """True if most markers are near their places in the scene, without any fit; of a body without
+    pads, that may hang anywhere, always.
+    """
+    if evidence.get(ENCODER) is None:
+        return True
+    off = np.linalg.norm(optical.values - _carried(evidence, optical), axis=2)
+    return bool(np.median(np.nanmedian(off, axis=0)) <= FOREIGN * placement)
+
+
+def _carried(evidence, optical):
+    """(n, k, 3) [m] places in the scene, those on pads with the encoders; NaN where not seen."""
+    places = np.where(optical.valid[..., None], optical.rest, np.nan)
+    encoder = evidence.get(ENCODER)
+    q = encoder.at(optical.t)[..., 0]
+    for i, pad in enumerate(encoder.names):
+        way = np.outer(q[:, i], evidence.directions[evidence.pads.index(pad)])
+        places[:, optical.on(pad)] += way[:, None]
+    return places
 
 
 def _sound_fit(found, wanted, index, placement):

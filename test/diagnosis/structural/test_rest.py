@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.prepared import prepare, rigid_motion
 from arm_brachy.diagnosis.registration import register
 from arm_brachy.diagnosis.rest_pose import exchanged_findings
+from arm_brachy.diagnosis.stream import OPTICAL
 from arm_brachy.registry import parse_terms
 
 
@@ -170,6 +172,52 @@ def test_registration_leaves_a_knocked_marker_out(laboratory):
     assert np.allclose(found.R, R, atol=5e-3)
     world = prepare(evidence).evidence.get('optical')
     assert np.allclose(world.values[50, :3], run.optical.points[50, :3], atol=6e-4)
+
+
+def elsewhere(run, names, begin=0.0, optical_alone=False):
+    """What of a RunData a tracker that stands anywhere saw of some markers from `begin` [s] on."""
+    turn = Rotation.from_euler('zyx', [70.0, -35.0, 20.0], degrees=True).as_matrix()
+    k = [i for i, name in enumerate(run.optical.ids) if name.startswith(names)]
+    late = run.optical.t > begin
+    seen = replace(run.optical, t=run.optical.t[late], ids=tuple(run.optical.ids[i] for i in k),
+                   points=run.optical.points[late][:, k] @ turn.T + [0.5, -0.2, 0.9],
+                   visible=run.optical.visible[late][:, k])
+    if optical_alone:
+        return replace(run, optical=seen)
+    return replace(run, optical=seen, em={}, encoder=run.encoder.between(begin, 99.0),
+                   force=run.force.between(begin, 99.0))
+
+
+@pytest.mark.parametrize(('begin', 'optical_alone'), [(3.0, False), (3.0, True)])
+def test_a_tracker_that_saw_no_rest_is_registered_along_the_way(recorded, look, begin,
+                                                                optical_alone):
+    """Without base markers, and with pads that push as soon as there are any frames."""
+    run = elsewhere(recorded(), ('pad', 'tissue'), begin, optical_alone)
+    prepared, structure = look(run)
+    assert set(prepared.registration.on) == {'pad_0', 'pad_1', 'pad_2'}
+    assert structure.findings == () and len(structure.pads) == 3
+
+
+@pytest.mark.parametrize('names', [('pad_0',), ('pad_0', 'pad_1'), ('tissue_0',)])
+def test_markers_in_a_frame_that_nothing_tells_are_left_out_with_a_note(recorded, look, names):
+    prepared, structure = look(elsewhere(recorded(), names))
+    assert prepared.evidence.get(OPTICAL) is None and structure.findings == ()
+    assert 'fewer than three on base and pads' in prepared.evidence.notes[-1]
+
+
+def test_nothing_but_markers_in_a_frame_that_nothing_tells_is_refused(recorded, look):
+    run = elsewhere(recorded(), ('pad_0',))
+    with pytest.raises(RecordingError, match='register the tracker'):
+        look(replace(run, force=None, force_pads=(), em={}))
+
+
+def test_one_marker_in_the_frame_of_the_scene_is_kept(recorded, look):
+    run, k = recorded(), recorded().optical.ids.index('pad_0')
+    run = replace(run, optical=replace(run.optical, ids=('pad_0',),
+                                       points=run.optical.points[:, [k]],
+                                       visible=run.optical.visible[:, [k]]))
+    prepared, structure = look(run)
+    assert prepared.evidence.get(OPTICAL).names == ('pad_0',) and structure.findings == ()
 
 
 def test_rigid_motion_of_points_is_recovered():
