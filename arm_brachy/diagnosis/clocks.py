@@ -103,7 +103,7 @@ class Following:
         """
         thin = self.thin()
         delays = PACE * np.arange(-round(WIDEST / PACE), round(WIDEST / PACE) + 1)
-        left = np.array([thin.left(delay) for delay in delays])
+        left = np.array([thin.left(delay).sum() for delay in delays])
         best, zero = int(np.argmin(left)), len(delays) // 2
         lasting = self.colour.share * max(
             2.0 * self.colour.time / np.median(np.diff(thin.t)) - 1.0, 0.0)
@@ -141,9 +141,9 @@ class Following:
         return float(score.sum() / power), max(1.0 / np.sqrt(power), float(blocks)), loud
 
     def left(self, late):
-        """Sum of squares of y that no encoder explains, its noise taken for white."""
+        """(s,) sums of squares of y that no encoder explains, its noise taken for white."""
         Q, _ = np.linalg.qr(self._columns(late))
-        return float(np.sum((self.y - Q @ (Q.T @ self.y))**2))
+        return np.sum((self.y - Q @ (Q.T @ self.y))**2, axis=0)
 
     def _columns(self, late):
         """(n, 1 + p) a constant, and the history of the encoders."""

@@ -10,13 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from arm_brachy.diagnosis.clocks import FEWEST, PACE, Following, series_of
+from arm_brachy.diagnosis.clocks import FEWEST, PACE, WIDEST, Following, series_of
 from arm_brachy.diagnosis.colour import MEDIAN_CHI2, Colour
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE
 
 FAR = 0.15          # s: less is no farther than a pad goes on in one direction
 CLEARLY = 0.5       # of what no delay leaves unexplained, that the delay may leave at most
+TOUCHED = 0.1       # change, by its logarithm, of what is left of a series that a delay matters to
 FINE = 0.01         # s, to which a delay is told
 SILENT = 1e-3       # of a channel's standard deviation that is taken for its noise at least
 
@@ -58,7 +59,9 @@ def _following(evidence, kind):
 def far_off(stream, travel, touch, *, memory):
     """How late a Stream is [s], to FINE; 0 unless that is far and explains far more than none.
 
-    travel, touch, memory : as `clocks.lateness`. The noise is that from sample to sample.
+    travel, touch, memory : as `clocks.lateness`. The noise is that from sample to sample. Every
+    series counts by how many times less is left of it, and most have to agree: one marker that
+    jumps far away leads nobody.
     """
     inside = (stream.t >= travel[0][0]) & (stream.t <= travel[0][-1])
     t, values, valid = stream.t[inside], stream.values[inside], stream.valid[inside]
@@ -67,13 +70,22 @@ def far_off(stream, travel, touch, *, memory):
         return 0.0
     series = series_of(t, values[:, often], valid[:, often], _noise(values[:, often]))
     following = Following(t, *series, Colour(), travel, touch, memory).thin()
-    late = following.scanned()
+    late = _best(following, PACE * np.arange(-round(WIDEST / PACE), round(WIDEST / PACE) + 1))
     if abs(late) < FAR:
         return 0.0
-    delays = late + np.arange(-PACE, PACE + FINE, FINE)
-    left = [following.left(delay) for delay in delays]
-    best = int(np.argmin(left))
-    return float(delays[best]) if left[best] < CLEARLY * following.left(0.0) else 0.0
+    late = _best(following, late + np.arange(-PACE, PACE + FINE, FINE))
+    change = _log_left(following, late) - _log_left(following, 0.0)
+    touched = change[np.abs(change) > TOUCHED]
+    return late if len(touched) and np.median(touched) < np.log(CLEARLY) else 0.0
+
+
+def _best(following, delays):
+    """That of the delays [s] which leaves least, all series alike."""
+    return float(min(delays, key=lambda late: np.sum(_log_left(following, late))))
+
+
+def _log_left(following, late):
+    return np.log(np.maximum(following.left(late), 1e-12))
 
 
 def _noise(values):
