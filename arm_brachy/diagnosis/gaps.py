@@ -8,6 +8,8 @@ from arm_brachy.diagnosis.stream import ENCODER, UNITS
 LONGEST_GAP = 5.0      # s without a value, while the stream goes on
 LEAST_SEEN = 0.5       # of the samples
 LEAST_REPEATS = 5
+EDGE = 0.1             # s by which streams begin and end apart
+LEAST_REST = 25        # samples of a stand that tell how often values repeat in it
 
 
 def gap_findings(prepared):
@@ -18,12 +20,13 @@ def gap_findings(prepared):
     """
     found, streams = [], prepared.evidence.streams
     span = (min(s.t[0] for s in streams.values()), max(s.t[-1] for s in streams.values()))
+    stands = () if prepared.motion is None else prepared.motion.stills()
     for kind, stream in streams.items():
         found += _silence(stream, span)
         for k, name in enumerate(stream.names):
             found += _gaps(stream, k, name)
             if kind != ENCODER:
-                found += _frozen(stream, k, name)
+                found += _frozen(stream, k, name, stands)
     return tuple(found)
 
 
@@ -52,8 +55,12 @@ def _gaps(stream, k, name):
                     f'its longest gap is {steps[worst]:.1f} s.')]
 
 
-def _frozen(stream, k, name):
-    """Runs of one value that are too long for how often this stream repeats itself by chance."""
+def _frozen(stream, k, name, stands):
+    """Runs of one value that are too long for how often this channel repeats itself by chance.
+
+    stands : (t_start, t_end, pushed) [s] in which the pads stand: what is digitised coarsely, or
+        has no noise, repeats itself there, above all in the middle of a count
+    """
     rows = np.flatnonzero(stream.valid[:, k])
     if len(rows) < 10 * LEAST_REPEATS:
         return []
@@ -64,11 +71,31 @@ def _frozen(stream, k, name):
         return []
     worst = int(np.argmax(ends - starts))
     length = int(ends[worst] - starts[worst])
-    others = int(same.sum()) - length
-    usual = (others + 1.0) / (len(same) - length + 1.0)
+    other = np.ones(len(same), dtype=bool)
+    other[starts[worst]:ends[worst]] = False
+    usual = _usual(same, other, stream.t[rows[1:]], stands)
     if length < LEAST_REPEATS or len(rows) * usual ** length > ALARM:
         return []
-    t0, t1 = float(stream.t[rows[starts[worst]]]), float(stream.t[rows[ends[worst]]])
+    first, last = rows[starts[worst]], rows[ends[worst]]
+    t0, t1 = float(stream.t[first]), float(stream.t[last])
+    stood = any(start - EDGE <= t0 and t1 <= end + EDGE for start, end, _ in stands)
+    if stood and _all_held(stream, first, last):
+        return []
     return [Finding(stream.kind, name, None, '', t1 - t0, 's', 0.0, CERTAIN, t0, t1,
                     f'{name} ({stream.kind}) does not change for {t1 - t0:.2f} s, from {t0:.2f} s '
                     f'on: its last value in {UNITS[stream.kind]} was held.', onset=(t0, t0))]
+
+
+def _all_held(stream, first, last):
+    """True if each of several channels keeps its value from one row to another: no noise at all.
+    """
+    seen = stream.values[first:last + 1][:, stream.valid[first:last + 1].any(axis=0)]
+    return seen.shape[1] > 1 and not np.any(np.nanmax(seen, axis=0) > np.nanmin(seen, axis=0))
+
+
+def _usual(same, other, t, stands):
+    """Largest share of repeats (same, (n,)) among the `other` samples: all, and of every stand."""
+    standing = [(t > start) & (t <= end) & other for start, end, _ in stands]
+    shares = [(same[some].sum() + 1.0) / (some.sum() + 1.0)
+              for some in (other, *standing) if some is other or some.sum() >= LEAST_REST]
+    return max(shares)

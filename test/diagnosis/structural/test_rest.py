@@ -7,6 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from arm_brachy.core.errors import RecordingError
+from arm_brachy.devices.em_tracker import EmTrackerParams
+from arm_brachy.devices.force_sensor import ForceSensorParams
+from arm_brachy.devices.optical_tracker import OpticalParams
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.prepared import prepare, rigid_motion
 from arm_brachy.diagnosis.registration import register
@@ -145,6 +148,22 @@ def test_long_gaps_and_frozen_values(happened):
     assert found['tissue_7'].value == pytest.approx(6.5, abs=0.3)
     assert found['pad_1'].t_start == pytest.approx(10.0, abs=0.05)
     assert 'does not change for 0.3' in found['pad_1'].statement
+
+
+@pytest.mark.parametrize('count', [0.1, 0.5])
+def test_a_force_that_is_digitised_coarsely_has_not_frozen(happened, count):
+    def rounded(run):
+        return replace(run, force=replace(run.force,
+                                          values=count * np.round(run.force.values / count)))
+
+    assert not any('does not change' in found.statement for found in happened(change=rounded))
+
+
+def test_without_noise_nothing_has_frozen(laboratory, short_pushes, look):
+    lab = laboratory((), 53, optical=OpticalParams(noise=0.0),
+                     em=EmTrackerParams(position_noise=0.0), force=ForceSensorParams(noise=0.0))
+    findings = look(lab.record(short_pushes()))[1].findings
+    assert not any('does not change' in found.statement for found in findings)
 
 
 def test_a_tracker_that_goes_off(happened):
