@@ -12,6 +12,7 @@ TOGETHER = 0.1     # s: steps whose intervals come as near as this may be one ev
 MOST = 0.6         # of the markers that were there: the tracker or the whole bench jumped
 ASIDE = 4.0        # standard deviations across the push that no actuator can make
 WEAK = 3.0         # z at which a step counts as a companion of a strong one
+NEAR = 0.2         # of the way between two markers, by which both may miss it that exchange names
 CLEAR = 3.0        # standard deviations between a pad that moved and one that did not
 
 
@@ -89,6 +90,10 @@ def _judge(prepared, event, frames, follows):
     seen = 0 if stream is None else len(stream.names)
     if len(optical) >= max(MOST * seen, 2) and (event.on(BASE) or not _has(prepared, BASE)):
         return _all(prepared, event)
+    if len(optical) == 2 and _exchanged(stream, *optical):
+        return _finding(prepared, event, max(optical, key=lambda j: j.z), None,
+                        f"{_names(event)} jump to each other's place at {event.t:.2f} s: they "
+                        'have exchanged names.')
     on_pads = event.on(*prepared.evidence.pads)
     if len(on_pads) == 1 and not event.on(BASE):
         return _pad(prepared, event, on_pads[0], frames[on_pads[0].channel], follows)
@@ -100,6 +105,15 @@ def _judge(prepared, event, frames, follows):
                     f'{_names(event)} jump together at {event.t:.2f} s, the others do not: '
                     'something touched or let go of the body.',
                     ('external_force', 'lost_steps', 'pad_slip', 'obstacle'))
+
+
+def _exchanged(stream, one, other):
+    """True if two Jumps take two markers of the stream each to where the other one was, or back.
+    """
+    i, j = (stream.names.index(jump.channel) for jump in (one, other))
+    way = stream.rest[j] - stream.rest[i]
+    return any(all(np.linalg.norm(size - to) < NEAR * np.linalg.norm(to)
+                   for size in (one.step.size, -other.step.size)) for to in (way, -way))
 
 
 def _has(prepared, body):

@@ -72,6 +72,20 @@ def test_a_knock_moves_all_markers(happened):
     assert found.value == pytest.approx([3e-4, 0.0, 1e-4], abs=5e-5)
 
 
+@pytest.mark.parametrize('pair', [('tissue_0', 'tissue_1'), ('base_0', 'base_1')])
+def test_markers_that_exchange_their_names_were_not_touched(happened, pair):
+    def exchange(t, names, points):
+        order = np.arange(len(names))
+        if t > ONSET:
+            i, j = (names.index(name) for name in pair)
+            order[[i, j]] = order[[j, i]]
+        return points[order]
+
+    found, = happened(disturb=exchange)
+    assert found.term is None and found.rivals == () and 'exchanged names' in found.statement
+    assert all(name in found.statement for name in pair)
+
+
 def test_a_touch_moves_some_markers_and_lets_go(happened):
     def touch(t, names, points):
         pushed = np.array([name in ('tissue_3', 'tissue_4', 'tissue_5') for name in names])
