@@ -91,7 +91,7 @@ def errors_of(assembly, fitted, ratio, tests):
 
     fitted : Fitted of what was found, None = nothing
     """
-    return stream_fits(parts_of(assembly, fitted, ratio), [
+    return stream_fits(parts_of(assembly, fitted, ratio, free=not tests), [
         (m.recorded.name, tested_part(m, fitted, ratio)) for m in tests])
 
 

@@ -205,11 +205,13 @@ def _coarse(path, t):
     return Path(path.t[kept], path.q[kept])
 
 
-def parts_of(assembly, fitted, ratio):
+def parts_of(assembly, fitted, ratio, *, free=True):
     """held_out.Part of every recording that may lack something.
 
     fitted : Fitted of what was found beside what the model has, None = nothing
     ratio : of the model's modulus to the scene's
+    free : the numbers found are free to first order, else as they were found: so they are in what
+        was not fitted (`tested_part`), and the modulus with them is not to be told twice
     """
     out = []
     for i, m in enumerate(assembly.matched[:len(assembly.matched) - assembly.sound]):
@@ -218,31 +220,31 @@ def parts_of(assembly, fitted, ratio):
         kinds = np.array(m.recorded.kinds, dtype=object)[kept][data.observables.states]
         shown = {kind: values[kept] for kind, values in m.baseline.shown.items()}
         of_mesh = data.observables.whiten_shift(data.finer)
-        named, columns = data.observables.residual(shown), np.zeros((len(kinds), 0))
+        named, columns, back = data.observables.residual(shown), np.zeros((len(kinds), 0)), None
         if fitted is not None and fitted.refit is not None:
-            columns = fitted.refit.columns[i]
-            named = fitted.refit.residual[i] + columns @ fitted.refit.z + of_mesh
-            columns = np.hstack([columns, fitted.back[i]])
+            named, back = fitted.refit.residual[i] + of_mesh, fitted.back[i]
+            if free:
+                columns = fitted.refit.columns[i]
+                named = named + columns @ fitted.refit.z
         found = fitted is not None or bool(m.baseline.model.terms)
         plain = _without_terms(m, data.encoder, data.t, shown)
         out.append(_part(m, data.observables, kinds, data.U, plain, ratio, of_mesh,
-                         (named, columns) if found else (None, None)))
+                         (named, columns, back) if found else ()))
     return out
 
 
 def tested_part(m, fitted, ratio):
     """held_out.Part of a Matched that was not fitted, with what was found elsewhere."""
-    named, width = m.observables.residual(m.baseline.shown), 0
+    named = m.observables.residual(m.baseline.shown)
     if fitted is not None and fitted.refit is not None:
         model = ForwardModel(m.baseline.model.specimen,
                              (*m.baseline.model.terms, *fitted.refit.terms))
         found = _shown(model, m, m.recorded.path, m.recorded.states.t)
         named = m.observables.residual(found)
-        width = len(fitted.refit.z) + fitted.back[0].shape[1]
     found = fitted is not None or bool(m.baseline.model.terms)
     plain = _without_terms(m, m.recorded.path, m.recorded.states.t, m.baseline.shown)
     return _part(m, m.observables, m.kinds, m.U, plain, ratio, m.of_mesh,
-                 (named, np.zeros((len(named), width))) if found else (None, None))
+                 (named, np.zeros((len(named), 0))) if found else ())
 
 
 def _part(m, observables, kinds, U, plain, ratio, of_mesh, found):

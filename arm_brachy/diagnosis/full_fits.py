@@ -7,7 +7,7 @@ import numpy as np
 
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
-from arm_brachy.diagnosis.held_out import stacked
+from arm_brachy.diagnosis.held_out import stacked, with_found
 from arm_brachy.diagnosis.laplace import gain_over_response
 from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue, past_errors
 from arm_brachy.diagnosis.model_error import Accuracy
@@ -46,10 +46,11 @@ class FullFits:
         sizes = [law * (part.r - part.of_mesh - residual) * of_tissue(
             part.observables, m.baseline.model.specimen)
             for part, residual, m in zip(parts, found.refit.residual, matched, strict=True)]
-        U = np.hstack([stacked(parts), np.vstack([part.columns for part in parts])])
+        named, columns = with_found(parts)
+        U = np.hstack([stacked(parts), columns])
         pushes = [pushes_of(m)[kept] for m, kept in zip(matched, found.kept, strict=True)]
         errors = law_errors([part.observables for part in parts], pushes, sizes)
-        left = np.concatenate([part.named - part.of_mesh for part in parts])
+        left = named - np.concatenate([part.of_mesh for part in parts])
         return self._scan(np.hstack([U, errors]), left, (tests, labels), np.concatenate(sizes))
 
     def gain(self, candidate):

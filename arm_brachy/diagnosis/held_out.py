@@ -22,6 +22,7 @@ class Part:
     named : (N,) r of the model with what was found, its numbers taken out to first order, and
     columns : (N, p) what these numbers do, at one prior standard deviation; None = nothing found
         that acts in this recording
+    back : (N, g) what pads off their zeros, in this recording, do besides with what was found
     """
 
     observables: Observables
@@ -34,6 +35,7 @@ class Part:
     of_mesh: np.ndarray
     named: np.ndarray | None = None
     columns: np.ndarray | None = None
+    back: np.ndarray | None = None
 
 
 def stacked(parts):
@@ -69,7 +71,7 @@ def stream_fits(parts, tested=()):
                                     folds),
               'noise_floor': np.concatenate([part.observables.sd for part in every])}
     if any(part.named is not None for part in every):
-        named, columns = _with_found(every)
+        named, columns = with_found(every)
         errors['named'] = _left(every, np.hstack([U, columns]),
                                 np.pad(mesh, (0, columns.shape[1])), named, off, folds)
     streams = np.array([row.kind for part in every for row in part.observables.rows])
@@ -80,12 +82,18 @@ def stream_fits(parts, tested=()):
                  for kind in dict.fromkeys(streams[asked].tolist()))
 
 
-def _with_found(parts):
-    """(named (N,), columns (N, p)) of all parts: where nothing was found all is as without."""
+def with_found(parts):
+    """(named (N,), columns (N, p)) of all parts: where nothing was found all is as without.
+
+    Numbers of what was found are the same in all, zeros of pads are of single recordings.
+    """
     width = max(part.columns.shape[1] for part in parts if part.named is not None)
     pairs = [(part.r, np.zeros((len(part.r), width))) if part.named is None else
              (part.named, part.columns) for part in parts]
-    return tuple(np.concatenate(some) for some in zip(*pairs, strict=True))
+    named, columns = (np.concatenate(some) for some in zip(*pairs, strict=True))
+    back = block_diag(*(np.zeros((len(part.r), 0)) if part.back is None else part.back
+                        for part in parts))
+    return named, np.hstack([columns, back])
 
 
 def _rms(values):

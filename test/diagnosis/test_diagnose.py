@@ -155,6 +155,16 @@ def test_the_next_recording_is_nearer_to_the_corrected_model(stiffening, record,
         assert after**2 - NOISE[kind]**2 < 0.2 * (before**2 - NOISE[kind]**2)
 
 
+def test_what_was_found_predicts_a_recording_that_was_not_fitted(record):
+    """To the noise, forces too: the modulus that was found with it is in its answer already."""
+    later = record((STIFFENING,), seed=3, name='later', legs=PUSHES[2:4])
+    fitted = [record((STIFFENING,), seed=seed, name=str(seed), legs=legs)
+              for seed, legs in ((1, PUSHES[:4]), (2, PUSHES[4:]))]
+    d = diagnose(fitted, source(), meshes=MESHES, held_out=(later,)).diagnosis
+    assert [cause.term for cause in d.causes] == ['strain_stiffening']
+    assert all(fit.held_out == 'later' and fit.named < 1.2 * fit.noise_floor for fit in d.fit)
+
+
 def test_what_a_sound_recording_shows_as_well_is_no_fault(record):
     d = diagnose((record((PLAY,), seed=3),), source(), meshes=MESHES,
                  null=(record((PLAY,), seed=4, name='sound'),)).diagnosis

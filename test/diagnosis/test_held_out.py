@@ -88,3 +88,12 @@ def test_what_is_of_one_recording_alone_stands_side_by_side():
     U = stacked(own)
     assert U.shape == (len(one.r) + len(other.r), 4)
     assert not U[len(one.r):, 0].any() and not U[:len(one.r), 1].any()
+
+
+def test_how_far_pads_are_off_their_zeros_is_of_each_recording_alone():
+    """By as much one way in one recording as the other way in another: neither is left."""
+    rng = np.random.default_rng(8)
+    both = [replace(part(rng, size), columns=np.zeros((3 * N, 0)), back=part(rng).columns)
+            for size in (EFFECT, -EFFECT)]
+    fit, = stream_fits(both)
+    assert fit.recalibrated > 2.0 * SD and fit.named == pytest.approx(SD, rel=0.15)
