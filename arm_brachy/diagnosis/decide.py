@@ -206,14 +206,22 @@ class _Gram:
 
 
 def _grams(problem):
-    """(_Gram of all rows, [_Gram without each kind])."""
+    """(_Gram of all rows, [_Gram without each kind]).
+
+    Products of one kind are 60 MB with the nuisances of a recording, so that they are made twice
+    and held one at a time: kinds may be many.
+    """
     every = np.hstack([problem.U, *(e.columns for e in problem.explanations),
                        problem.r[:, None]])
-    parts = [rows.T @ rows for rows in
-             (every[problem.kinds == kind] for kind in np.unique(problem.kinds))]
-    total, k = sum(parts), problem.U.shape[1]
+    kinds, k = np.unique(problem.kinds), problem.U.shape[1]
     limited = np.concatenate([e.limited for e in problem.explanations] or [np.zeros(0, bool)])
-    return _Gram(total, k, limited), [_Gram(total - part, k, limited) for part in parts]
+
+    def products(kind):
+        rows = every[problem.kinds == kind]
+        return rows.T @ rows
+
+    total = sum(map(products, kinds))
+    return _Gram(total, k, limited), [_Gram(total - products(kind), k, limited) for kind in kinds]
 
 
 class Judge:

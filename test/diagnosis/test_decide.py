@@ -1,5 +1,6 @@
 """Verdicts on made-up problems with a known truth: single, pair, class, null, stranger."""
 
+import tracemalloc
 from types import SimpleNamespace
 
 import numpy as np
@@ -308,3 +309,18 @@ def test_what_pushes_gainsay_is_not_named_for_its_offsets(world):
     truth, sag = sagging(world, 4.0)
     decision = world.decide(truth, sag)
     assert decision.accepted is None or 'sag' not in decision.accepted.causes
+
+
+def test_many_kinds_of_push_ask_for_no_more_memory_than_few():
+    """Of products of nuisances, 0.7 MB a kind here and 60 MB beside a mesh, few are held."""
+    rng, peaks = np.random.default_rng(5), []
+    n, k = 600, 300
+    for kinds in (2, 60):
+        problem = Problem(rng.normal(size=n), rng.normal(size=(n, k)), np.arange(n) % kinds,
+                          np.ones((n, 1)), (Explanation('cause', '', np.ones((n, 1))),),
+                          np.zeros(n, dtype=int))
+        tracemalloc.start()
+        Judge(problem, rng)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.5 * peaks[0]
