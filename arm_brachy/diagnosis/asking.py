@@ -30,7 +30,8 @@ def asked(assembly, decision, ensemble, calibration=None):
     options = tuple(Option(' + '.join(c.causes), *_of(assembly, c)) for c in open_)
     columns = tuple(np.hstack([e.columns for e in c.explanations]) for c in open_)
     first = assembly.matched[0]
-    noise = first.recorded.prepared.noise
+    noise = {kind: one for m in reversed(assembly.matched)     # what any of them has is at hand
+             for kind, one in m.recorded.prepared.noise.items()}
 
     def beside(baseline):
         return joined(nuisances(baseline, calibration), tolerances(baseline, calibration),

@@ -1,6 +1,7 @@
 """What is asked for: the pushes and streams that split a class, checked by full runs."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from arm_brachy.core.errors import InputError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene, with_mesh
 from arm_brachy.devices.actuator_driver import ActuatorParams
+from arm_brachy.diagnosis import asking
 from arm_brachy.diagnosis.advice import REMEDIES, advice
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.forward import ForwardModel
@@ -213,3 +215,22 @@ def test_nuisances_that_are_not_those_at_hand_are_refused(specimen, one_push):
     with pytest.raises(InputError, match='must be the same'):
         next_experiment(specimen, (), GAIN_OR_COMPLIANCE, {}, ('optical',), at_hand=known,
                         nuisance_columns=nuisances, reach=0.2)
+
+
+def test_a_stream_that_any_of_the_recordings_has_is_no_new_one(monkeypatch):
+    """The first without forces, the second without markers: both are recorded already."""
+    def matched(**noise):
+        return SimpleNamespace(
+            recorded=SimpleNamespace(prepared=SimpleNamespace(noise=noise)),
+            baseline=SimpleNamespace(model=SimpleNamespace(specimen=None, terms=())))
+
+    one = SimpleNamespace(causes=('a',), explanations=(SimpleNamespace(columns=np.ones((1, 1))),))
+    monkeypatch.setattr(asking, 'sizes_of', lambda *_: ((), [np.ones(1)], None))
+    monkeypatch.setattr(asking, 'next_experiment',
+                        lambda specimen, terms, options, noise, streams, **_: (noise, streams))
+    assembly = SimpleNamespace(
+        problem=SimpleNamespace(U=None), names=(),
+        matched=(matched(encoder=0, optical=1), matched(encoder=0, optical=2, force=3)))
+    noise, streams = asking.asked(assembly, SimpleNamespace(
+        unproven=None, accepted=one, equals=(one,)), None)
+    assert set(streams) == {'optical', 'force'} and noise['optical'] == 1 and noise['force'] == 3
