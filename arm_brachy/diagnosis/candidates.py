@@ -4,7 +4,7 @@ Test: diagnosis/forward/test_candidates.py
 """
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -33,12 +33,14 @@ class Occasions:
     onsets : [s] change points;  windows : (start, end) [s] of passing events
     frequencies : [Hz] of rhythms in the residual
     end : [s] of the last recording to end; 0 = not known
+    owners : ('onset', [s]) or ('frequency', [Hz]) -> numbers of the recordings that show it
     """
 
     onsets: tuple = ()
     windows: tuple = ()
     frequencies: tuple = ()
     end: float = 0.0
+    owners: dict = field(default_factory=dict)
 
 
 def candidates(cls, specimen, occasions=None):

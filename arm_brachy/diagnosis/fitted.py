@@ -105,7 +105,9 @@ def fit_in_full(assembly, candidate, law):
     suspects = assembly.matched[:len(assembly.matched) - assembly.sound]
     kept = tuple(_kept(m, effect) for m, effect in zip(suspects, _effects(assembly, candidate),
                                                        strict=False))
-    data = [without_modulus(m, some) for m, some in zip(suspects, kept, strict=True)]
+    data = [replace(without_modulus(m, some), absent=tuple(
+        i for i, one in enumerate(hypotheses) if not one.acts_in(number)))
+        for number, (m, some) in enumerate(zip(suspects, kept, strict=True))]
     modulus = hypothesis(StiffnessScale)
     try:
         back = tuple(_off_zero(m, one, hypotheses, amplitudes)
@@ -130,7 +132,8 @@ def fit_in_full(assembly, candidate, law):
 
 def _off_zero(m, data, hypotheses, amplitudes):
     """Columns (N, g) of pads off their zeros beside terms of about these amplitudes."""
-    terms = [one.term(_allowed(one, a)) for one, a in zip(hypotheses, amplitudes, strict=True)]
+    terms = data.present([one.term(_allowed(one, a))
+                          for one, a in zip(hypotheses, amplitudes, strict=True)])
     touch = m.recorded.prepared.calibration.touch
     return np.hstack([standing_back(data, terms, touch), preload(data, terms, touch)])
 
@@ -237,8 +240,10 @@ def tested_part(m, fitted, ratio):
     """held_out.Part of a Matched that was not fitted, with what was found elsewhere."""
     named = m.observables.residual(m.baseline.shown)
     if fitted is not None and fitted.refit is not None:
-        model = ForwardModel(m.baseline.model.specimen,
-                             (*m.baseline.model.terms, *fitted.refit.terms))
+        here = (term for term, one in zip(fitted.terms, fitted.hypotheses, strict=True)
+                if one.acts_in(None))
+        model = ForwardModel(m.baseline.model.specimen, (
+            *m.baseline.model.terms, *here, *fitted.refit.terms[len(fitted.terms):]))
         found = _shown(model, m, m.recorded.path, m.recorded.states.t)
         named = m.observables.residual(found)
     found = fitted is not None or bool(m.baseline.model.terms)

@@ -85,16 +85,19 @@ def _plain(finding):
 
 
 def occasions_of(recorded):
-    """candidates.Occasions: when something happened suddenly, and rhythms."""
-    onsets, frequencies, ends = [], [], []
-    for one in recorded:
-        ends.append(one.states.t[-1])
-        for finding in one.structure.findings:
-            if finding.onset is not None:
-                onsets.append(float(sum(finding.onset) / 2.0))
-            if 'frequency' in finding.parameters:
-                frequencies.append(float(finding.parameters['frequency']))
-    onsets = sorted(set(onsets))
-    stops = [*onsets, max(ends)][1:]
-    windows = [(a, b) for a, b in zip(onsets, stops, strict=True) if b > a]
-    return Occasions(tuple(onsets), tuple(windows), tuple(frequencies), float(max(ends)))
+    """candidates.Occasions: when something happened suddenly, in which of them, and rhythms."""
+    owners, windows, frequencies, ends = {}, set(), [], []
+    for number, one in enumerate(recorded):
+        ends.append(float(one.states.t[-1]))
+        onsets = sorted({float(sum(finding.onset) / 2.0) for finding in one.structure.findings
+                         if finding.onset is not None})
+        for onset in onsets:
+            owners['onset', onset] = (*owners.get(('onset', onset), ()), number)
+        stops = [*onsets, ends[-1]][1:]
+        windows |= {(a, b) for a, b in zip(onsets, stops, strict=True) if b > a}
+        rhythms = [float(finding.parameters['frequency'])
+                   for finding in one.structure.findings if 'frequency' in finding.parameters]
+        frequencies += rhythms
+        owners |= {('frequency', rhythm): (number,) for rhythm in rhythms}
+    onsets = sorted(value for what, value in owners if what == 'onset')
+    return Occasions(tuple(onsets), tuple(sorted(windows)), tuple(frequencies), max(ends), owners)

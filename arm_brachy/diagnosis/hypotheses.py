@@ -1,6 +1,6 @@
 """All that may be missing, with its response: every term of the registry at every place."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -50,8 +50,11 @@ def try_all(matched, occasions=None, progress=None):
     """Tried: all terms of the registry on matched.Matched recordings of one body.
 
     occasions : candidates.Occasions;  progress : called with (done, of, name) or None
-    A place at which a term does not fit the body, or finds no state, is left out.
+    What happened suddenly in one of several recordings, or in a rhythm, is tried in that one alone
+    as well: it need not happen again at the same time. A place at which a term does not fit the
+    body, or finds no state, is left out.
     """
+    occasions = occasions or Occasions()
     specimen, left_out, found, answers = matched[0].baseline.model.specimen, {}, [], []
     remembers = any(m.baseline.model.remembers or m.baseline.model.timed for m in matched)
     left_out |= {cls.spec.name: triable(cls, remembers) for cls in TERMS
@@ -60,7 +63,7 @@ def try_all(matched, occasions=None, progress=None):
     for done, cls in enumerate(listed):
         if progress:
             progress(done, len(listed), cls.spec.name)
-        options = candidates(cls, specimen, occasions or Occasions())
+        options = candidates(cls, specimen, occasions)
         why = '' if options else 'nothing here says when or where'
         for one in options:
             try:
@@ -69,13 +72,25 @@ def try_all(matched, occasions=None, progress=None):
                 why = str(error)
                 continue
             if all(_whole(r) for r in responses):
-                found.append(one)
-                answers.append(responses)
+                for way, its in ((one, responses), *_in_one_alone(one, responses, occasions)):
+                    found.append(way)
+                    answers.append(its)
             else:
                 why = 'the model finds no state with it'
         if not any(one.cls is cls for one in found):
             left_out[cls.spec.name] = why
     return Tried(tuple(found), tuple(answers), left_out)
+
+
+def _in_one_alone(one, responses, occasions):
+    """(Hypothesis, Responses) for each of several recordings that shows its onset or rhythm."""
+    owners = {owner for place in one.place.items() if place[0] in ('onset', 'frequency')
+              for owner in occasions.owners.get(place, ())} if len(responses) > 1 else ()
+    for owner in sorted(owners):
+        alone = replace(one, only=owner)
+        yield alone, tuple(r if number == owner else replace(r, values={
+            kind: np.zeros_like(values) for kind, values in r.values.items()})
+            for number, r in enumerate(responses))
 
 
 def _whole(response):

@@ -93,11 +93,13 @@ class Hypothesis:
 
     cls : from registry.TERMS;  place : field -> SI value for what says where, when or how
     strengths : those that are free; all others of the class are neutral
+    only : number of the recording in which it happened, None = in any
     """
 
     cls: type
     place: dict = field(default_factory=dict)
     strengths: tuple = ()
+    only: int | None = None
 
     @property
     def name(self):
@@ -119,6 +121,10 @@ class Hypothesis:
             else:
                 values[strength.name] = (*values.get(strength.name, ()), value)
         return self.cls(**{**values, **self.place})
+
+    def acts_in(self, number):
+        """True if it acts in the recording of a number, None = one that was not fitted."""
+        return self.only is None or self.only == number
 
     def alone(self, k, amplitude):
         """Return the term with strength k at `amplitude` and the others off."""

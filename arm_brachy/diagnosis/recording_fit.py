@@ -14,7 +14,7 @@ from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.carried import Past
 from arm_brachy.diagnosis.forward import STAGES, ForwardModel
 from arm_brachy.diagnosis.hypotheses import LOOSENING
-from arm_brachy.diagnosis.observables import Observables
+from arm_brachy.diagnosis.observables import Observables, channels_of
 from arm_brachy.diagnosis.responses import (
     body_change,
     loosened_change,
@@ -40,6 +40,7 @@ class Data:
     observables : observables.Observables;  U : (N, k) whitened columns of nuisances and mesh
     terms : that the model has anyway;  baseline : Baseline of that model at t, None = to be made
     finer : kind -> (n, c, 3) that elements of no size add to every prediction, {} = nothing
+    absent : numbers of the hypotheses that do not act in this recording
     """
 
     specimen: Specimen
@@ -50,6 +51,11 @@ class Data:
     terms: tuple = ()
     baseline: Baseline | None = None
     finer: dict = field(default_factory=dict)
+    absent: tuple = ()
+
+    def present(self, terms):
+        """Those of the terms, one per hypothesis, that act in this recording."""
+        return tuple(term for i, term in enumerate(terms) if i not in self.absent)
 
     def residual(self, shown):
         """(N,) measured less what is shown, kind -> (n, c, 3), and finer elements add."""
@@ -74,6 +80,7 @@ class RecordingFit:
         self._bonded = None     # (terms, Baseline) of the model before whose pads come loose
         if data.baseline is not None:
             self._last = data.baseline.model.equilibria
+        terms = data.present(terms)
         if all(term.stage in STAGES.values() for term in terms):
             self._still = self._plain()
             return
@@ -112,6 +119,7 @@ class RecordingFit:
 
     def predicted(self, terms):
         """(ForwardModel, kind -> (n, c, 3)) with terms, None for a state that is not found."""
+        terms = self.data.present(terms)
         if self._still is not None:
             return self._still.model, self._offset(self._sensed(terms))
         model = self.model(terms)
@@ -137,7 +145,7 @@ class RecordingFit:
         """
         if not self.carries:
             return 0.0
-        stepped = self._run(self.model(terms, carried=False))
+        stepped = self._run(self.model(self.data.present(terms), carried=False))
         if stepped is None:
             raise NotConverged('the model, stepped from the start of the recording, has a state '
                                'that is not found; start from fainter effects')
@@ -170,7 +178,8 @@ class RecordingFit:
             self.runs += 1
             baseline = Baseline(model, self.data.encoder, self.data.t)
         for number, term in enumerate(now.terms):
-            changes[number] = self._change(baseline, number, term, leading)
+            changes[number] = self._unchanged if number in self.data.absent else (
+                self._change(baseline, number, term, leading))
         low, high = space.joined('low'), space.joined('high')
         out = []
         for number, step in zip(space.owner, np.diag(space.joined('step')), strict=True):
@@ -185,7 +194,12 @@ class RecordingFit:
 
     def may_lead(self, terms):
         """True if `columns` may take condensed answers of one of these terms."""
-        return any(self._condensed(term) is not None for term in terms)
+        return any(self._condensed(term) is not None for term in self.data.present(terms))
+
+    def _unchanged(self, terms):
+        """Prediction but for a constant by a term that does not act here."""
+        return {kind: np.zeros((len(self.data.t), len(names), 3))
+                for kind, names in channels_of(self.data.specimen).items()}
 
     def _condensed(self, term):
         """Change of the prediction by a term that is a support, as `columns` says; else None."""

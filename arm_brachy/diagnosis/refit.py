@@ -149,7 +149,7 @@ class _Fit:
             found = self.minimum(z)
             moved = sum(np.sum(np.square(columns @ (found[0].z - z))) for columns in self.columns)
             effect = sum(np.sum(np.square(one.plain - r))
-                         for one, r in zip(self.recordings, old, strict=True))
+                         for one, r in zip(self.recordings, old, strict=True) if one.carries)
             if 0.5 * offset * moved < self.options.tolerance * effect:
                 break
             self.refuse_endless(0.5 * offset * moved / effect, False)

@@ -165,6 +165,18 @@ def test_what_was_found_predicts_a_recording_that_was_not_fitted(record):
     assert all(fit.held_out == 'later' and fit.named < 1.2 * fit.noise_floor for fit in d.fit)
 
 
+def test_a_slip_in_one_of_two_recordings_is_named_and_is_none_in_the_other(record):
+    """Another push, at the time of the slip, shows none."""
+    slip = {'name': 'marker_slip', 'marker': 'tissue_3', 'onset_s': 6.0}
+    d = diagnose((record((), seed=2, name='sound', legs=PUSHES[4:]),
+                  record((slip,), seed=1, name='slipped', legs=PUSHES[:4])), source(),
+                 meshes=MESHES, held_out=(record((), 3, 'later', PUSHES[2:4]),)).diagnosis
+    assert d.verdict == 'named' and [cause.term for cause in d.causes] == ['marker_slip']
+    assert {when.recording for when in d.when} == {'slipped'}
+    optical = next(fit for fit in d.fit if fit.stream == 'optical')
+    assert optical.named < 1.2 * optical.noise_floor
+
+
 def test_what_a_sound_recording_shows_as_well_is_no_fault(record):
     d = diagnose((record((PLAY,), seed=3),), source(), meshes=MESHES,
                  null=(record((PLAY,), seed=4, name='sound'),)).diagnosis

@@ -281,6 +281,19 @@ def test_recordings_share_terms_and_have_nuisances_of_their_own(record):
     assert len(both.predicted) == len(both.residual) == len(both.columns) == 2
 
 
+def test_what_happened_in_one_recording_is_not_asked_of_another(record):
+    """The relaxation that only the first has is found as from that alone; nor is it run beside."""
+    one = hypothesis(ActuatorGain, ('gain',), actuators=(0,))
+    other = hypothesis(Viscoelasticity, ('g1',), tau1=2.0)
+    gain, relaxes = ActuatorGain(gain=0.05, actuators=(0,)), Viscoelasticity(g1=0.3, tau1=2.0)
+    first, second = record((gain, relaxes), t=SOME), record((gain,), seed=2, t=SOME)
+    found = refit([first, replace(second, absent=(1,))], (one, other),
+                  [np.array([0.5]), np.array([1.0])])
+    assert holds(found.estimates[0]['gain'], 0.05) and holds(found.estimates[1]['g1'], 0.3)
+    with_it = [np.abs(columns[:, found.space.owner == 1]).max() for columns in found.columns]
+    assert with_it[0] > 0.1 and with_it[1] == 0.0
+
+
 @pytest.mark.parametrize(('term', 'error'), [
     (LUMP, 0.03), (ActuatorGain(gain=0.05), 0.03), (BaseDebond(radius=0.02), 0.01),
     (Viscoelasticity(g1=0.3, tau1=2.0), 0.2)])   # all but what memory makes of the change

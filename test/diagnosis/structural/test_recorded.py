@@ -107,6 +107,10 @@ def test_a_slip_says_when_something_happened(looked):
     assert end > start
 
 
+def test_what_happened_in_one_of_two_recordings_is_of_that_one(looked, sound):
+    assert set(occasions_of((sound, looked(SLIP))).owners.values()) == {(1,)}
+
+
 def test_the_pushes_can_be_made_again(sound):
     """Following the moves arrives at the corners of the recorded path, not faster than allowed."""
     motion = motion_of(sound.prepared.evidence)
