@@ -89,7 +89,7 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     known = [f for one in sound for f in one.structure.findings]
     found = given(looked, known, beside=looked)
     say(STEPS[1], 0.0)
-    specimen, ratio = _specimen(looked[0], evidences[0].scene)
+    specimen, ratio = _specimen(recorded, evidences[0].scene)
     ensemble = ensemble_of(ForwardModel(specimen), stream(provenance.seed, 'meshes'), meshes)
     matched = []
     for one in (*recorded, *tested):
@@ -130,9 +130,13 @@ def _look(evidences, calibration, say):
 
 
 def _specimen(recorded, scene):
-    """(Specimen with the modulus that the forces ask for, its ratio to the scene's)."""
+    """(Specimen with the modulus that forces ask for, its ratio to the scene's).
+
+    recorded : Recorded of one body; the first whose forces tell it does
+    """
     specimen = specimen_of(scene)
-    ratio = modulus_ratio(recorded, specimen)
+    ratio = next((one for one in (modulus_ratio(some, specimen) for some in recorded)
+                  if one != 1.0), 1.0)
     better = scaled(scene, ratio)
     if better is scene:
         return specimen, 1.0

@@ -177,6 +177,22 @@ def test_a_slip_in_one_of_two_recordings_is_named_and_is_none_in_the_other(recor
     assert optical.named < 1.2 * optical.noise_floor
 
 
+def test_the_modulus_is_that_of_the_first_recording_with_forces(record):
+    """Which comes first changes neither it nor how well it is known, nor what a mesh may hide."""
+    blind = record(seed=1, name='blind', legs=PUSHES[:2])
+    blind = replace(blind, streams={k: s for k, s in blind.streams.items() if k != FORCE})
+    seeing = record(seed=2, name='seeing', legs=PUSHES[2:4])
+    forces = seeing.get(FORCE)
+    seeing = replace(seeing, streams={**seeing.streams, FORCE: replace(
+        forces, values=2.5 * forces.values)})
+    one, other = (diagnose(some, source(), meshes=MESHES).diagnosis
+                  for some in ((seeing, blind), (blind, seeing)))
+    E, same = (d.recalibrated['E'] for d in (one, other))
+    assert same.value == pytest.approx(E.value, rel=1e-3)
+    assert same.high - same.low == pytest.approx(E.high - E.low, rel=0.02)
+    assert [f.mesh for f in other.fit] == pytest.approx([f.mesh for f in one.fit], rel=0.01)
+
+
 def test_what_a_sound_recording_shows_as_well_is_no_fault(record):
     d = diagnose((record((PLAY,), seed=3),), source(), meshes=MESHES,
                  null=(record((PLAY,), seed=4, name='sound'),)).diagnosis
