@@ -132,14 +132,20 @@ def unexplained(assembly, worst, left):
     """(places, intervals) of what is left (N,); worst : number of the test that stands out.
 
     What all channels show together is where and when its test says: single markers say nothing.
-    Else also where the markers are that show more than noise.
+    Else also where the markers are that show more than noise, and when that is in the recordings
+    of the channel.
     """
     label = assembly.tests[worst]
     if isinstance(label, Past):
         return places_of_test(label), _times(assembly, assembly.problem.tests[:, worst])
     around = marker_place(assembly.matched[0].baseline.model.specimen.scene,
                           _beyond_noise(assembly, left))
-    return (*places_of_test(label), *([] if around is None else [around])), _times(assembly, left)
+    (kind, channel, _), _ = label
+    there = np.concatenate([np.full(len(m.r), any((row.kind, row.channel) == (kind, channel)
+                                                  for row in m.observables.rows))
+                            for m in assembly.matched])
+    return (*places_of_test(label), *([] if around is None else [around])), _times(
+        assembly, np.where(there, left, 0.0))
 
 
 def _beyond_noise(assembly, left):

@@ -21,6 +21,16 @@ def test_only_markers_that_show_more_than_noise_say_where(monkeypatch):
     assert np.allclose(around.position, (-0.05, 0.0, 0.02))
 
 
+def test_a_channel_says_when_in_the_recordings_that_have_it(monkeypatch):
+    monkeypatch.setattr('arm_brachy.diagnosis.conclude._times', lambda assembly, values: values)
+    assembly = made_up()
+    other = SimpleNamespace(r=np.zeros(5), observables=SimpleNamespace(
+        rows=[Row('force', 'pad_1', axis=2, state=k) for k in range(5)]))
+    assembly.matched = (*assembly.matched, other)
+    _, when = unexplained(assembly, 0, np.ones(ROWS * len(MARKERS) + 5))
+    assert not when[:-5].any() and np.all(when[-5:] == 1.0)
+
+
 def made_up():
     """What `unexplained` reads of an assembly: three markers and the pad force that stands out."""
     rows = [Row('optical', name, axis=0, state=k) for name in MARKERS for k in range(ROWS)]
