@@ -65,6 +65,10 @@ class Baseline:
     """
 
     def __init__(self, model, encoder, t, *, lasting=False):
+        if touches(model.specimen.body).any():
+            raise ConfigError(f'scene {model.specimen.scene.name} has pads that touch; must be '
+                              'bonded for a diagnosis; give the scene with contact: bonded, that '
+                              'a pad slips is then found')
         if touches(model.body).any():
             raise ConfigError('the model has pads that touch; must be bonded to be linearised; '
                               'leave pad_slip out, or fit it by full runs')

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.cell import pad_directions
+from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene, with_mesh
 from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
@@ -198,6 +199,12 @@ def test_what_a_sound_recording_shows_as_well_is_no_fault(record):
                  null=(record((PLAY,), seed=4, name='sound'),)).diagnosis
     assert d.verdict == 'nothing_missing'
     assert [r.role for r in d.provenance.recordings][-1] == 'null'
+
+
+def test_a_scene_whose_pads_touch_is_refused_by_its_name(record, scene):
+    touching = replace(scene, pads=tuple(replace(pad, contact='touching') for pad in scene.pads))
+    with pytest.raises(ConfigError, match='scene breast has pads that touch; must be bonded'):
+        diagnose((replace(record(legs=PUSHES[:1]), scene=touching),), source(), meshes=MESHES)
 
 
 def test_a_lump_that_one_push_shows_is_a_place_and_no_cause(record, tmp_path):
