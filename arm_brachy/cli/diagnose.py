@@ -21,7 +21,7 @@ from arm_brachy.diagnosis import diagnose as stages
 from arm_brachy.diagnosis import words
 from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
 from arm_brachy.diagnosis.diagnosis import Provenance
-from arm_brachy.diagnosis.evidence import load_evidence
+from arm_brachy.diagnosis.evidence import load_evidence, zero_of
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.page import write_diagnosis
 from arm_brachy.diagnosis.pushes import moves_of
@@ -47,7 +47,8 @@ def diagnose(bags, scene, null, held_out, seed, out, json_file):
     """Say where BAGs differ from their model and what physics is missing.
 
     All BAGs are of one body. Kinds of push are held out in turn (or whole recordings, with
-    --hold-out), and what is named has to predict them. Beside the page comes a scenario with what
+    --hold-out), and what is named has to predict them. Recordings whose stamps follow each other
+    are of one session, in which what drifts goes on. Beside the page comes a scenario with what
     was found, for `arm-brachy run`.
 
     \b
@@ -55,7 +56,8 @@ def diagnose(bags, scene, null, held_out, seed, out, json_file):
       arm-brachy diagnose runs/probe/bag --scene config/scenes/breast.yaml
     """
     described = load_scene(scene)
-    evidences, sound, tested = (load_evidence(some, described)
+    zero = zero_of((*bags, *null, *held_out))
+    evidences, sound, tested = (load_evidence(some, described, zero)
                                 for some in (bags, null, held_out))
     name = Path(bags[0]).resolve().stem if len(bags) == 1 else f'{len(bags)} recordings'
     made_by = summary(name, (), seed=seed)

@@ -10,7 +10,7 @@ from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Scene
 from arm_brachy.diagnosis import checks
 from arm_brachy.diagnosis.rough_clock import on_one_clock
-from arm_brachy.diagnosis.stamps import from_zero, in_order, together
+from arm_brachy.diagnosis.stamps import from_zero, in_order, session_zero, together
 from arm_brachy.diagnosis.stream import (
     EM,
     ENCODER,
@@ -21,6 +21,7 @@ from arm_brachy.diagnosis.stream import (
     thinned,
 )
 from arm_brachy.offline import load_run, with_scene
+from arm_brachy.recording.reader import BagReader
 
 RATE = 100.0        # Hz: pads move in tenths of a second, soft bodies ring below 10 Hz
 SAMPLES = 300_000   # per stream over all recordings together: 220 MB for thirty markers
@@ -64,21 +65,35 @@ class Evidence:
                 min(s.t[-1] for s in self.streams.values()))
 
 
-def load_evidence(bags, scene):
+def zero_of(bags):
+    """Time [s] from which bags (paths) count together, None = each from its own: `session_zero`.
+
+    Raises RecordingError.
+    """
+    spans = []
+    for bag in bags:
+        with BagReader(bag) as reader:
+            spans.append(tuple(1e-9 * t for t in reader.span_ns))
+    return session_zero(spans)
+
+
+def load_evidence(bags, scene, zero=None):
     """Read bags (paths) one after another; returns a tuple of Evidence.
 
+    zero : `zero_of` all bags of a session
     Memory is bounded by SAMPLES, shared out among the recordings: many or long ones are averaged
     to a lower rate, which their notes say. Raises RecordingError.
     """
     bags = list(bags)
-    return tuple(evidence_of(load_run(bag, measured=True), scene, samples=SAMPLES // len(bags))
-                 for bag in bags)
+    return tuple(evidence_of(load_run(bag, measured=True), scene, samples=SAMPLES // len(bags),
+                             zero=zero) for bag in bags)
 
 
-def evidence_of(run, scene, *, samples=SAMPLES):
+def evidence_of(run, scene, *, samples=SAMPLES, zero=None):
     """What RunData `run` shows of `scene` (core.scene.Scene), checked.
 
     samples : largest number per stream; longer streams, and those faster than RATE, are averaged
+    zero : [s] from which times are counted, `zero_of`; None = see `stamps.from_zero`
     Uses encoders, pad forces, optical markers and EM tools; the truth that a simulated recording
     also holds is never touched. Markers and tools that the scene does not know, or that were
     hardly ever seen, are left out with a note. Stamps that are dates count from the first one.
@@ -94,7 +109,7 @@ def evidence_of(run, scene, *, samples=SAMPLES):
              _em(run, scene, notes), base]
     found = [None if s is None else together(in_order(s, run.name, notes), notes) for s in found]
     if any(s is not None for s in found):
-        found = from_zero(found, notes)
+        found = from_zero(found, notes, zero)
     *found, base = (None if s is None else _fit_in(s, samples, notes) for s in found)
     streams = {s.kind: s for s in found if s is not None}
     checks.refuse_empty(run.name, streams)

@@ -1,6 +1,7 @@
 """Stamps of the streams as the diagnosis takes them: from zero, in order, one clock a stream."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -8,6 +9,8 @@ from arm_brachy.core.errors import RecordingError
 
 SHARED = 0.1        # of a channel's stamps that another has too, for both to be stamped together
 LONGEST_GAP = 1.5   # periods of a channel between the samples on either side of a stamp
+SESSION = 43_200.0  # s within which recordings that follow each other are of one day at one cell
+EARLY = 1.0         # s by which a stream may begin before the recording that holds it
 
 
 def in_order(stream, name, notes):
@@ -61,15 +64,35 @@ def _between(t, own, values, period):
     return np.where((near | np.isin(t, own))[:, None], out, np.nan)
 
 
-def from_zero(streams, notes):
-    """The streams (tuple of Stream or None) with times from the first stamp, if these are dates.
+def session_zero(spans):
+    """Time [s] from which recordings of one session count together; None = each from its own.
+
+    spans : (start, end) [s] of each
+    Recordings that follow each other within SESSION have one clock: what drifts goes on between
+    them, and a rhythm keeps its phase. Those that overlap have clocks of their own.
+    """
+    spans = sorted(spans)
+    follow = all(one[1] < other[0] for one, other in pairwise(spans))
+    if len(spans) < 2 or not follow or spans[-1][1] - spans[0][0] > SESSION:
+        return None
+    start, end = spans[0]
+    return 0.0 if abs(start) <= end - start else start
+
+
+def from_zero(streams, notes, zero=None):
+    """The streams (tuple of Stream or None) with times from `zero` [s], `session_zero`; None, or
+    one that is not theirs, stands for the first stamp, if these are dates.
 
     What drifts counts from time zero: a recording that begins later than it is long has another
     zero than its own, such as 1970.
     """
     here = [s for s in streams if s is not None]
     start, end = min(s.t[0] for s in here), max(s.t[-1] for s in here)
-    if abs(start) <= end - start:
+    shared = zero is not None and zero - EARLY <= start <= zero + SESSION
+    if not shared:
+        zero = 0.0 if abs(start) <= end - start else start
+    if zero == 0.0:
         return tuple(streams)
-    notes.append(f'Times are counted from the first stamp, {start:.3f} s.')
-    return tuple(None if s is None else replace(s, t=s.t - start) for s in streams)
+    notes.append(f'Times are counted from the first stamp{" of all" if shared else ""}, '
+                 f'{zero:.3f} s.')
+    return tuple(None if s is None else replace(s, t=s.t - zero) for s in streams)

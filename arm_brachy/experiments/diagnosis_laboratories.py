@@ -14,7 +14,7 @@ from arm_brachy.core.paths import config_dir, share_dir
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis.diagnose import diagnose
 from arm_brachy.diagnosis.diagnosis import Provenance
-from arm_brachy.diagnosis.evidence import load_evidence
+from arm_brachy.diagnosis.evidence import load_evidence, zero_of
 from arm_brachy.diagnosis.page import write_diagnosis
 from arm_brachy.diagnosis.statements import edge_unit
 from arm_brachy.diagnosis.wording import spoken
@@ -81,7 +81,9 @@ def beams(source, scratch):
 def rows_of(pair, out_dir):
     """Diagnose a Pair and write its page; returns a row per stream, errors rms per axis."""
     scene = load_scene(pair.scene)
-    fitted, held_out = (load_evidence((bag,), scene) for bag in (pair.fitted, pair.held_out))
+    zero = zero_of((pair.fitted, pair.held_out))
+    fitted, held_out = (load_evidence((bag,), scene, zero)
+                        for bag in (pair.fitted, pair.held_out))
     source = Provenance(pair.name, SEED, commit_of(share_dir()), str(machine_description()),
                         Path(pair.scene).name, ())
     answer = diagnose(fitted, source, held_out=held_out)

@@ -102,10 +102,14 @@ class TheirSensors:
 
 @dataclass(frozen=True)
 class TheirRecording:
-    """A folder with encoders, forces, optical and em .csv.gz."""
+    """A folder with encoders, forces, optical and em .csv.gz.
+
+    lab_time_start_s : at which their times begin, on one clock for all recordings
+    """
 
     name: str
     folder: str
+    lab_time_start_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -189,7 +193,7 @@ def _columns(theirs, path, base, name, recording):
         return CsvFile(str(folder / f'{stem}.csv.gz'), time='t_s')
 
     return ColumnMap(
-        name=f'{name}_{recording.name}',
+        name=f'{name}_{recording.name}', start=recording.lab_time_start_s,
         encoders=(Encoders(file('encoders'), 'q{key}_m', names=pads),),
         forces=(Forces(file('forces'), 'f{key}{axis}_N', _sign(theirs, path), names=pads),),
         optical=(Optical(file('optical'), '{key}_{axis}_m',

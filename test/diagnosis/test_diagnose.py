@@ -69,8 +69,9 @@ def record(scene):
     bodies = {OPTICAL: specimen.carriers, EM: (TISSUE,) * len(specimen.tools),
               FORCE: specimen.pads, ENCODER: specimen.pads}
 
-    def one(entries=(), seed=1, name='made up', legs=PUSHES):
+    def one(entries=(), seed=1, name='made up', legs=PUSHES, start=0.0):
         rng, path = np.random.default_rng(seed), path_of(legs)
+        path = replace(path, t=path.t + start)
         found = ForwardModel(specimen, parse_terms(entries, 'test')).predict(path, path.t)
         assert found.valid.all()
         streams = {}
@@ -113,6 +114,15 @@ def test_stiffening_is_named_with_its_size(stiffening):
     optical, force = (next(f for f in d.fit if f.stream == k) for k in ('optical', 'force'))
     assert force.named < 0.5 * force.recalibrated
     assert optical.named < 1.5 * optical.noise_floor
+
+
+def test_what_drifts_goes_on_from_one_recording_to_the_next(record):
+    """A minute later the tissue is stiffer by a third from the start, and still stiffens."""
+    drift = ({'name': 'stiffness_drift', 'rate_per_min': 0.3},)
+    both = record(drift, name='first'), record(drift, 2, 'second', start=60.0)
+    cause, = diagnose(both, source(), meshes=MESHES).diagnosis.causes
+    assert cause.term == 'stiffness_drift'
+    assert 60.0 * cause.parameters['rate'].value == pytest.approx(0.3, rel=0.1)
 
 
 def test_where_it_shows_most_the_measured_follows_what_was_found(stiffening):

@@ -108,7 +108,7 @@ def test_a_study_goes_on_where_it_was(dome, tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(dome_rig, 'imported', lambda source, scratch: dome)
 
-    def diagnosed(runs, scene, page):
+    def diagnosed(runs, scene, zero, page):
         asked.append(page.stem)
         return {'verdict': 'nothing_missing', 'causes': [], 'fit': []}
 

@@ -22,7 +22,7 @@ from arm_brachy.core.paths import run_dir, share_dir
 from arm_brachy.core.scene import MeshFile, load_scene
 from arm_brachy.diagnosis.diagnose import diagnose
 from arm_brachy.diagnosis.diagnosis import Provenance
-from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.evidence import evidence_of, zero_of
 from arm_brachy.diagnosis.page import write_diagnosis
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.experiments import dome_rig, recordings
@@ -73,7 +73,7 @@ def answer_one(fault, scene, bags, folder):
         runs = [fault.spoil(load_run(bag, measured=True), i) for i, bag in enumerate(bags)]
         start = time.process_time()
         try:
-            answer = _diagnosed(runs, altered, path.with_suffix('.html'))
+            answer = _diagnosed(runs, altered, zero_of(bags), path.with_suffix('.html'))
         except ArmBrachyError as error:
             answer = {'error': str(error)}
     part = path.with_suffix('.part')
@@ -91,9 +91,9 @@ def altered_scene(fault, scene, scratch):
     return fault.alter(replace(scene, mesh=MeshFile(str(scratch / 'mesh.npz'), scene.mesh.unit)))
 
 
-def _diagnosed(runs, scene, page):
-    """The answer as JSON holds it; its page is written to `page`."""
-    evidences = [evidence_of(run, scene) for run in runs]
+def _diagnosed(runs, scene, zero, page):
+    """The answer as JSON holds it; its page is written to `page`.  zero : `evidence.zero_of`"""
+    evidences = [evidence_of(run, scene, zero=zero) for run in runs]
     source = Provenance(page.stem, SEED, commit_of(share_dir()), str(machine_description()),
                         scene.name, ())
     answer = diagnose(evidences[:FITTED], source, held_out=evidences[FITTED:])

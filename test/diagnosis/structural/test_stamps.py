@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.diagnosis import noise
-from arm_brachy.diagnosis.stamps import from_zero, together
+from arm_brachy.diagnosis.stamps import from_zero, session_zero, together
 from arm_brachy.diagnosis.stream import FORCE, Stream, thinned
 
 NAMES, SD = ('a', 'b', 'c'), 0.05
@@ -85,3 +85,24 @@ def test_dates_become_seconds_and_all_streams_move_alike():
 def test_seconds_of_the_run_stay_what_they_are():
     one = stream([np.arange(0.5, 30.0, 0.1)])
     assert from_zero((one,), []) == (one,)
+
+
+@pytest.mark.parametrize(('spans', 'zero'), [
+    ([(0.0, 39.0)], None),                                  # one: its own
+    ([(0.0, 39.0), (50.0, 77.0)], 0.0),
+    ([(50.0, 77.0), (0.5, 39.0)], 0.0),                     # in any order
+    ([(1.7e9, 1.7e9 + 40.0), (1.7e9 + 60.0, 1.7e9 + 90.0)], 1.7e9),
+    ([(0.0, 39.0), (0.0, 27.0)], None),                     # clocks of their own
+    ([(1.7e9, 1.7e9 + 40.0), (1.7e9 + 1e5, 1.7e9 + 1e5 + 40.0)], None)])    # days apart
+def test_recordings_that_follow_each_other_count_together(spans, zero):
+    assert session_zero(spans) == zero
+
+
+def test_times_of_a_session_count_from_its_beginning():
+    t, date = np.arange(0.0, 30.0, 0.1), 1.7e9
+    notes = []
+    one, = from_zero((stream([t + date + 60.0]),), notes, date)
+    assert one.t[0] == pytest.approx(60.0, abs=1e-6) and 'first stamp of all' in notes[0]
+    later = stream([t + 50.0])
+    assert from_zero((later,), [], 0.0)[0].t[0] == 50.0
+    assert from_zero((later,), [], date)[0].t[0] == 0.0     # not of that session
