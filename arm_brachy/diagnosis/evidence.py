@@ -1,6 +1,6 @@
 """One recording as the diagnosis sees it: what a real cell would have published, nothing else."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,6 +10,7 @@ from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Scene
 from arm_brachy.diagnosis import checks
 from arm_brachy.diagnosis.rough_clock import on_one_clock
+from arm_brachy.diagnosis.spikes import fastest, without_spikes
 from arm_brachy.diagnosis.stamps import from_zero, in_order, session_zero, together
 from arm_brachy.diagnosis.stream import (
     EM,
@@ -96,7 +97,8 @@ def evidence_of(run, scene, *, samples=SAMPLES, zero=None):
     zero : [s] from which times are counted, `zero_of`; None = see `stamps.from_zero`
     Uses encoders, pad forces, optical markers and EM tools; the truth that a simulated recording
     also holds is never touched. Markers and tools that the scene does not know, or that were
-    hardly ever seen, are left out with a note. Stamps that are dates count from the first one.
+    hardly ever seen, are left out with a note, as are single readings far off. Stamps that are
+    dates count from the first one.
     Raises RecordingError if nothing can be made of it: actuators, markers or shape of another
     scene, units wrong, streams that do not overlap in time, nothing moved.
     Test: diagnosis/structural/test_evidence.py
@@ -108,6 +110,9 @@ def evidence_of(run, scene, *, samples=SAMPLES, zero=None):
     found = [_encoder(run), _force(run, notes), _optical(run, scene, notes),
              _em(run, scene, notes), base]
     found = [None if s is None else together(in_order(s, run.name, notes), notes) for s in found]
+    speed = fastest(found[0])
+    found = [s if s is None or s.kind == ENCODER else without_spikes(
+        s, 0.0 if s.kind == FORCE else speed, notes).seen() for s in found]
     if any(s is not None for s in found):
         found = from_zero(found, notes, zero)
     *found, base = (None if s is None else _fit_in(s, samples, notes) for s in found)
@@ -215,10 +220,7 @@ def _seen(stream, what, notes):
             kept.append(k)
     if not kept:
         return None
-    stream = stream.channels(kept)
-    rows = stream.valid.any(axis=1)
-    return stream if rows.all() else replace(stream, t=stream.t[rows], values=stream.values[rows],
-                                             valid=stream.valid[rows])
+    return stream.channels(kept).seen()
 
 
 def _fit_in(stream, samples, notes):

@@ -50,6 +50,17 @@ class Stream:
                      np.searchsorted(self.t, t_end, side='right'))
         return replace(self, t=self.t[keep], values=self.values[keep], valid=self.valid[keep])
 
+    def seen(self):
+        """The stream without samples in which no channel was seen."""
+        rows = self.valid.any(axis=1)
+        return self if rows.all() else replace(self, t=self.t[rows], values=self.values[rows],
+                                               valid=self.valid[rows])
+
+    def without(self, hidden):
+        """The stream with what is True in `hidden` (n, k) not seen; its samples stay."""
+        valid = self.valid & ~hidden
+        return replace(self, values=np.where(valid[..., None], self.values, np.nan), valid=valid)
+
     def at(self, t):
         """Values (m, k, c) at times t (m,), linear between samples, held outside them.
 
