@@ -9,6 +9,7 @@ from arm_brachy.cell import pad_directions
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Scene
 from arm_brachy.diagnosis import checks
+from arm_brachy.diagnosis.blind import without_blind
 from arm_brachy.diagnosis.rough_clock import on_one_clock
 from arm_brachy.diagnosis.spikes import fastest, without_spikes
 from arm_brachy.diagnosis.stamps import from_zero, in_order, session_zero, together
@@ -40,6 +41,7 @@ class Evidence:
     base_force : Stream of one channel [N], what the base plate feels; None = not measured
     notes : sentences on what was left out, averaged or replaced
     late : kind -> [s] by which stamps were too late and are set back, `rough_clock`
+    blind : (t_start, t_end) [s] each, in which only the encoders were left, `blind`
     """
 
     name: str
@@ -49,6 +51,7 @@ class Evidence:
     base_force: Stream | None = None
     notes: tuple = ()
     late: dict = field(default_factory=dict)
+    blind: tuple = ()
 
     @property
     def pads(self):
@@ -98,7 +101,8 @@ def evidence_of(run, scene, *, samples=SAMPLES, zero=None):
     Uses encoders, pad forces, optical markers and EM tools; the truth that a simulated recording
     also holds is never touched. Markers and tools that the scene does not know, or that were
     hardly ever seen, are left out with a note, as are single readings far off. Stamps that are
-    dates count from the first one.
+    dates count from the first one. What was seen while nobody knows where the pads were is left
+    out with a note as well.
     Raises RecordingError if nothing can be made of it: actuators, markers or shape of another
     scene, units wrong, streams that do not overlap in time, nothing moved.
     Test: diagnosis/structural/test_evidence.py
@@ -126,8 +130,8 @@ def evidence_of(run, scene, *, samples=SAMPLES, zero=None):
     checks.refuse_apart_in_time(run.name, streams)
     checks.refuse_other_shape(run.name, streams, scene)
     checks.refuse_too_little_motion(run.name, streams, scene)
-    return on_one_clock(
-        Evidence(run.name, scene, pad_directions(scene), streams, base, tuple(notes)))
+    return without_blind(on_one_clock(
+        Evidence(run.name, scene, pad_directions(scene), streams, base, tuple(notes))))
 
 
 def _note_strange_sensors(run, scene, notes):

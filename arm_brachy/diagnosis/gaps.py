@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from arm_brachy.diagnosis.blind import inside
 from arm_brachy.diagnosis.finding import ALARM, CERTAIN, Finding
 from arm_brachy.diagnosis.stream import ENCODER, UNITS
 
@@ -24,7 +25,7 @@ def gap_findings(prepared):
     for kind, stream in streams.items():
         found += _silence(stream, span)
         for k, name in enumerate(stream.names):
-            found += _gaps(stream, k, name)
+            found += _gaps(stream, k, name, () if kind == ENCODER else prepared.evidence.blind)
             if kind != ENCODER:
                 found += _frozen(stream, k, name, stands)
     return tuple(found)
@@ -41,11 +42,14 @@ def _silence(stream, span):
                     f'Nothing of {stream.kind} was recorded from {t0:.1f} to {t1:.1f} s.')]
 
 
-def _gaps(stream, k, name):
+def _gaps(stream, k, name, blind):
+    """Findings that a channel was not seen for long, or often, apart from spans (start, end)."""
     seen = stream.t[stream.valid[:, k]]
-    share = len(seen) / len(stream.t)
+    share = len(seen) / max(int((~inside(stream.t, blind)).sum()), 1)
     edges = np.concatenate([[stream.t[0]], seen, [stream.t[-1]]])
     steps = np.diff(edges)
+    for start, end in blind:
+        steps -= np.clip(np.minimum(edges[1:], end) - np.maximum(edges[:-1], start), 0.0, None)
     worst = int(np.argmax(steps))
     if steps[worst] <= LONGEST_GAP and share >= LEAST_SEEN:
         return []
