@@ -17,6 +17,7 @@ from arm_brachy.diagnosis.regression import bridged, regress, whitened
 LEAST = 5         # samples on either side of a step
 DROP = 5.94       # in T: (1 - exp(-DROP / 2))^2 = 0.90, see Step
 MOST_STEPS = 6
+PARTS = 0.05      # s from one part of a step to the next
 DEPENDENT = 1e-11  # of the largest eigenvalue: below, rounding makes up the direction
 
 
@@ -119,6 +120,21 @@ def _together(found, t, y, valid, colour, sd, columns):
         size, _ = fit.of(str(-i))
         out.append(replace(step, size=np.atleast_1d(size)))
     return out
+
+
+def joined(found):
+    """Steps by time, with those that follow within PARTS as one: what took a few samples.
+
+    found : Step each, by time. The largest of them says when, its size is that of all.
+    """
+    groups = []
+    for step in found:
+        if groups and step.t - groups[-1][-1].t <= PARTS:
+            groups[-1].append(step)
+        else:
+            groups.append([step])
+    return tuple(replace(max(group, key=lambda step: np.linalg.norm(step.size)),
+                         size=np.sum([step.size for step in group], axis=0)) for group in groups)
 
 
 def sudden(step, t, y, valid, sd, nuisance=None):

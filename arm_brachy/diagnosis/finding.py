@@ -44,6 +44,8 @@ class Calibration:
                                               'tissue, found by eye')
     direction: float = quantity(0.5, 'deg', 'direction of a push', low=0.0, high=90.0,
                                 source='own choice: aligned by eye to a drawing')
+    slip: float = quantity(0.01, 'mm', 'sudden step of a marker or pad, per axis', low=0.0,
+                           high=10.0, source='own choice: glue and slides settle by microns')
     base: float = quantity(0.02, 'mm', 'motion of the base plate, per axis', low=0.0, high=10.0,
                            source='own choice: a bench that gives way a little')
     restless: float = quantity(0.03, 'mm', 'amplitude of a rhythm', low=0.0, high=10.0,

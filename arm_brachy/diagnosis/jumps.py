@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from arm_brachy.diagnosis.changes import Step, steps
+from arm_brachy.diagnosis.changes import Step, joined, steps
 from arm_brachy.diagnosis.colour import residual_colour
 from arm_brachy.diagnosis.finding import sigma
 from arm_brachy.diagnosis.history import drift_columns, history_columns
@@ -21,7 +21,8 @@ BEND = {OPTICAL: 0.01, EM: 0.01, FORCE: 0.02}
 class Jump:
     """One channel at one instant. body : what it sits on;  step : size (3,), SI, world frame.
 
-    z : size of the step against its error and what the regressors may miss
+    z : size of the step against its error, what the regressors may miss, and what no laboratory
+        calls a step
     """
 
     kind: str
@@ -49,26 +50,27 @@ def jumps(prepared, travel, late, *, alarm):
             continue
         columns = {'1': np.ones(len(stream.t))} | drift_columns(stream.t) | history_columns(
             stream.t - late.get(kind, 0.0), travel, prepared.motion.touch, memory=kind == FORCE)
+        slack = 0.0 if kind == FORCE else prepared.calibration.slip
         for k in range(len(stream.names)):
-            found += _jumps(stream, noise, k, columns, alarm)
+            found += _jumps(stream, noise, k, columns, alarm, slack)
     return tuple(found)
 
 
-def _jumps(stream, noise, k, columns, alarm):
+def _jumps(stream, noise, k, columns, alarm, slack):
     valid, y = stream.valid[:, k], stream.values[:, k]
     if valid.sum() < FEWEST:
         return []
     fit = regress(stream.t, y, columns, valid, noise.colour, noise.sd[k])
     colour, sd = residual_colour(stream.t, fit.residual, valid, noise.colour, noise.sd[k].mean())
     nuisance = np.stack([c for name, c in columns.items() if name != '1'], axis=1)
-    slack = BEND[stream.kind] * float(np.ptp((y - fit.residual)[valid], axis=0).max())
+    bend = BEND[stream.kind] * float(np.ptp((y - fit.residual)[valid], axis=0).max())
     found = steps(stream.t, y, valid, colour, sd, nuisance, alarm=alarm)
     if found:   # what sets in and goes on is a step from afar: not one that a kink does away with
         ramp = _kink(stream.t, y, columns, valid, colour, sd)
         found = steps(stream.t, y, valid, colour, sd, np.column_stack([nuisance, ramp]),
                       alarm=alarm)
     return [Jump(stream.kind, stream.names[k], stream.bodies[k], step,
-                 sigma(step.size, step.sd, slack)) for step in found]
+                 sigma(step.size, step.sd, np.hypot(bend, slack))) for step in joined(found)]
 
 
 def _kink(t, y, columns, valid, colour, sd):

@@ -9,6 +9,7 @@ from functools import partial
 
 from arm_brachy.diagnosis.actuator_findings import actuator_findings, played
 from arm_brachy.diagnosis.base_motion import base_findings
+from arm_brachy.diagnosis.changes import joined
 from arm_brachy.diagnosis.clock_findings import clock_findings, clocks_of
 from arm_brachy.diagnosis.consequence import share_followed
 from arm_brachy.diagnosis.events import event_findings, events_of
@@ -61,7 +62,7 @@ def structure_of(prepared):
         found += clock_findings(prepared, clocks)
         found += actuator_findings(prepared, pads)
         late = {kind: one.value for kind, one in clocks.items()}
-        every = (*_pad_jumps(pads), *jumps(prepared, travel, late, alarm=ALARM / tests))
+        every = (*_pad_jumps(prepared, pads), *jumps(prepared, travel, late, alarm=ALARM / tests))
         events = events_of(every, tests)
         found += event_findings(prepared, events, pads,
                                 partial(share_followed, prepared, travel, late))
@@ -78,10 +79,11 @@ def channels(prepared):
     return sum(len(s.names) for kind, s in prepared.evidence.streams.items() if kind != ENCODER)
 
 
-def _pad_jumps(pads):
+def _pad_jumps(prepared, pads):
     """Steps of the markers on pads as Jumps, in the world frame."""
     return tuple(Jump(OPTICAL, one.marker, one.pad, _in_world(step, one.frame),
-                      sigma(step.size, step.sd)) for one in pads for step in one.steps)
+                      sigma(step.size, step.sd, prepared.calibration.slip))
+                 for one in pads for step in joined(one.steps))
 
 
 def _in_world(step, frame):

@@ -5,7 +5,7 @@ import pytest
 
 from arm_brachy.core.random import stream
 from arm_brachy.devices.noise import ColouredNoise
-from arm_brachy.diagnosis.changes import chance, step_scan, steps, threshold
+from arm_brachy.diagnosis.changes import Step, chance, joined, step_scan, steps, threshold
 from arm_brachy.diagnosis.colour import Colour
 
 N, PERIOD = 500, 0.01
@@ -105,3 +105,12 @@ def test_too_short_a_series_has_no_step():
     few = np.zeros(N, dtype=bool)
     few[:9] = True
     assert step_scan(T, np.zeros((N, 1)), few, Colour(), np.ones(1)) is None
+
+
+def test_what_took_a_few_samples_is_one_step():
+    def part(t, size):
+        return Step(t, t, t, np.array([size, 0.0]), np.full(2, 1e-5), 50.0, 1e-9)
+
+    whole, later = joined((part(9.0, 1e-4), part(9.02, 7e-4), part(9.04, 2e-4), part(9.5, 3e-4)))
+    assert whole.t == 9.02 and whole.size == pytest.approx([1e-3, 0.0])
+    assert later.size[0] == 3e-4

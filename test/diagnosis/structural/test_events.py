@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from arm_brachy.devices.em_tracker import EmTrackerParams
+from arm_brachy.devices.force_sensor import ForceSensorParams
+from arm_brachy.devices.optical_tracker import OpticalParams
 from arm_brachy.diagnosis.events import events_of
 from arm_brachy.registry import parse_terms
 
@@ -119,3 +122,30 @@ def test_a_tenth_of_the_typical_size_is_named_rightly_or_not_at_all(happened):
 
 def test_nothing_jumps_no_event():
     assert events_of((), 20) == ()
+
+
+@pytest.mark.parametrize('noise', [0.0, 1e-6, 1e-5])
+def test_what_no_laboratory_calls_a_step_is_none(laboratory, short_pushes, look, noise):
+    """Without noise the curve between two ticks, some microns, stands out."""
+    lab = laboratory((), 5, **_noisy(noise))
+    assert look(lab.record(short_pushes()))[1].findings == ()
+
+
+@pytest.mark.parametrize('noise', [0.0, 1e-4])
+@pytest.mark.parametrize('entry', [
+    {'name': 'marker_slip', 'marker': 'pad_1', 'offset_mm': [0.0, 0.08, 0.0]},
+    {'name': 'lost_steps', 'shortfall_mm': 0.08, 'actuators': [2]}])
+def test_small_steps_of_pads_and_their_markers_are_found(laboratory, short_pushes, look, noise,
+                                                         entry):
+    terms = parse_terms([{**entry, 'onset_s': ONSET}], 'test')
+    found, = look(laboratory(terms, 21, **_noisy(noise)).record(short_pushes()))[1].findings
+    assert found.term == entry['name']
+    assert np.linalg.norm(found.value) == pytest.approx(8e-5, rel=0.2)
+
+
+def _noisy(noise):
+    """Parameters of all devices for markers of this noise [m rms], the others in proportion."""
+    share = noise / 1e-4
+    return {'optical': OpticalParams(noise=noise),
+            'em': EmTrackerParams(position_noise=share * EmTrackerParams().position_noise),
+            'force': ForceSensorParams(noise=share * ForceSensorParams().noise)}
