@@ -98,17 +98,16 @@ class Following:
     def scanned(self):
         """The delay [s] on a grid from which to start, 0 unless another explains far more.
 
-        Noise that lasts makes slow misfits larger than white noise of its size would, by its
-        variance at low frequencies.
+        A series that jumps leads nobody (`surprise`). Noise that lasts makes slow misfits larger
+        than white noise of its size would, by its variance at low frequencies.
         """
         thin = self.thin()
         delays = PACE * np.arange(-round(WIDEST / PACE), round(WIDEST / PACE) + 1)
-        left = np.array([thin.left(delay).sum() for delay in delays])
+        left = np.array([thin.surprise(delay).sum() for delay in delays])
         best, zero = int(np.argmin(left)), len(delays) // 2
         lasting = self.colour.share * max(
             2.0 * self.colour.time / np.median(np.diff(thin.t)) - 1.0, 0.0)
-        scale = max(left[best] / max(thin.seen.sum(), 1), 1.0) * (1.0 + lasting)
-        return float(delays[best]) if left[zero] - left[best] > BETTER * scale else 0.0
+        return float(delays[best]) if left[zero] - left[best] > BETTER * (1.0 + lasting) else 0.0
 
     def thin(self):
         """The same of fewer samples, THIN [s] apart."""
@@ -139,6 +138,13 @@ class Following:
         first = np.concatenate([[0], np.flatnonzero(np.diff(block)) + 1])
         blocks = np.sqrt(np.sum(np.add.reduceat(score, first)**2)) / power
         return float(score.sum() / power), max(1.0 / np.sqrt(power), float(blocks)), loud
+
+    def surprise(self, late):
+        """(s,) what is left as chi^2, where it is louder than the noise as noise of its own size.
+        """
+        heard = np.maximum(self.seen.sum(axis=0), 1)
+        left = self.left(late) / heard
+        return heard * np.where(left > 1.0, np.log(np.maximum(left, 1.0)), left - 1.0)
 
     def left(self, late):
         """(s,) sums of squares of y that no encoder explains, its noise taken for white."""

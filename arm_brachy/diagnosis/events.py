@@ -70,9 +70,10 @@ def _meets(one, other):
             and one.step.low <= other.step.high + TOGETHER)
 
 
-def event_findings(prepared, events, pad_travels, follows):
+def event_findings(prepared, events, frames, follows):
     """One Finding per Event: who jumped decides what it was.
 
+    frames : marker on a pad -> (3, 3) frame of its push, `pad_travel.push_frame`
     follows : (pad, t [s], shortfall [m]) -> (share, error) of the answer that tissue and forces
         show to a pad that stands short, see `consequence`
     Most optical markers, base among them: tracker or bench. A pad's marker along its push: lost
@@ -81,7 +82,6 @@ def event_findings(prepared, events, pad_travels, follows):
     touched the body.
     Test: diagnosis/structural/test_events.py
     """
-    frames = {one.marker: one.frame for one in pad_travels}
     return tuple(_judge(prepared, event, frames, follows) for event in events)
 
 
@@ -110,10 +110,20 @@ def _judge(prepared, event, frames, follows):
 def _exchanged(stream, one, other):
     """True if two Jumps take two markers of the stream each to where the other one was, or back.
     """
-    i, j = (stream.names.index(jump.channel) for jump in (one, other))
-    way = stream.rest[j] - stream.rest[i]
-    return any(all(np.linalg.norm(size - to) < NEAR * np.linalg.norm(to)
-                   for size in (one.step.size, -other.step.size)) for to in (way, -way))
+    return any(_leads(stream, one, other.channel, sign)
+               and _leads(stream, other, one.channel, sign) for sign in (1.0, -1.0))
+
+
+def _leads(stream, jump, name, sign):
+    """True if a Jump leads to where the marker `name` is; with sign -1, if it leads back."""
+    way = stream.rest[stream.names.index(name)] - stream.rest[stream.names.index(jump.channel)]
+    return np.linalg.norm(jump.step.size - sign * way) < NEAR * np.linalg.norm(way)
+
+
+def takes_over(stream, jump):
+    """True if a Jump takes its marker to where another one of the Stream is, or back."""
+    others = [name for name in stream.names if name != jump.channel]
+    return any(_leads(stream, jump, name, sign) for name in others for sign in (1.0, -1.0))
 
 
 def _has(prepared, body):

@@ -12,7 +12,7 @@ from arm_brachy.diagnosis.base_motion import base_findings
 from arm_brachy.diagnosis.changes import joined
 from arm_brachy.diagnosis.clock_findings import clock_findings, clocks_of
 from arm_brachy.diagnosis.consequence import share_followed
-from arm_brachy.diagnosis.events import event_findings, events_of
+from arm_brachy.diagnosis.events import event_findings, events_of, takes_over
 from arm_brachy.diagnosis.finding import ALARM, sigma
 from arm_brachy.diagnosis.force_balance import balance_findings
 from arm_brachy.diagnosis.force_zero import force_findings
@@ -57,14 +57,16 @@ def structure_of(prepared):
             pads = pad_travels(prepared.evidence, prepared.noise[OPTICAL],
                                prepared.motion.touch, alarm=ALARM / tests,
                                even=prepared.calibration.play)
+        frames = {one.marker: one.frame for one in pads}
+        pads, at_pads = _themselves(prepared, pads)
         travel = played(prepared, pads)
         clocks = clocks_of(prepared, pads, travel)
         found += clock_findings(prepared, clocks)
         found += actuator_findings(prepared, pads)
         late = {kind: one.value for kind, one in clocks.items()}
-        every = (*_pad_jumps(prepared, pads), *jumps(prepared, travel, late, alarm=ALARM / tests))
+        every = (*at_pads, *jumps(prepared, travel, late, alarm=ALARM / tests))
         events = events_of(every, tests)
-        found += event_findings(prepared, events, pads,
+        found += event_findings(prepared, events, frames,
                                 partial(share_followed, prepared, travel, late))
         times = [event.t for event in events]
         found += force_findings(prepared, times)
@@ -79,11 +81,23 @@ def channels(prepared):
     return sum(len(s.names) for kind, s in prepared.evidence.streams.items() if kind != ENCODER)
 
 
-def _pad_jumps(prepared, pads):
-    """Steps of the markers on pads as Jumps, in the world frame."""
+def _themselves(prepared, pads):
+    """(the PadTravels of markers that stay themselves, Jumps of all of them).
+
+    One that takes over another one's place, see `events`, says nothing of its pad: it jumps there.
+    """
+    found = {one.marker: _pad_jumps(prepared, one) for one in pads}
+    gone = {marker: tuple(jump for jump in its if takes_over(prepared.evidence.get(OPTICAL), jump))
+            for marker, its in found.items()}
+    return (tuple(one for one in pads if not gone[one.marker]),
+            tuple(jump for marker, its in found.items() for jump in gone[marker] or its))
+
+
+def _pad_jumps(prepared, one):
+    """Steps of the marker of a PadTravel as Jumps, in the world frame."""
     return tuple(Jump(OPTICAL, one.marker, one.pad, _in_world(step, one.frame),
                       sigma(step.size, step.sd, prepared.calibration.slip))
-                 for one in pads for step in joined(one.steps))
+                 for step in joined(one.steps))
 
 
 def _in_world(step, frame):

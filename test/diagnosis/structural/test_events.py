@@ -75,7 +75,9 @@ def test_a_knock_moves_all_markers(happened):
     assert found.value == pytest.approx([3e-4, 0.0, 1e-4], abs=5e-5)
 
 
-@pytest.mark.parametrize('pair', [('tissue_0', 'tissue_1'), ('base_0', 'base_1')])
+@pytest.mark.parametrize('pair', [
+    ('tissue_0', 'tissue_1'), ('base_0', 'base_1'), ('pad_0', 'tissue_1'), ('pad_0', 'pad_1'),
+    ('pad_2', 'base_1')])
 def test_markers_that_exchange_their_names_were_not_touched(happened, pair):
     def exchange(t, names, points):
         order = np.arange(len(names))
