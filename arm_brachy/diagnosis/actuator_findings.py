@@ -27,7 +27,7 @@ def played(prepared, pads):
     q, names = q.copy(), prepared.evidence.get(ENCODER).names
     for one in pads:
         width, sd = one.causes.get(PLAY, (0.0, 1.0))
-        if width > 0.0 and sigma(width, sd, prepared.calibration.play) > threshold(len(pads)):
+        if width > 0.0 and sigma(width, sd, _slack(prepared)[PLAY]) > threshold(len(pads)):
             i = names.index(one.pad)
             q[:, i] = play(q[:, i], width)
     return t, q
@@ -54,8 +54,10 @@ def actuator_findings(prepared, pads):
 
 
 def _slack(prepared):
+    optical = prepared.noise.get(OPTICAL)
+    counts = 0.0 if optical is None else optical.rounding
     return {GAIN: prepared.calibration.gain, COMPLIANCE: prepared.calibration.compliance,
-            PLAY: prepared.calibration.play}
+            PLAY: float(np.hypot(prepared.calibration.play, counts))}
 
 
 def _actuator(prepared, one, cause, value, sd, z, more=()):

@@ -21,8 +21,8 @@ BEND = {OPTICAL: 0.01, EM: 0.01, FORCE: 0.02}
 class Jump:
     """One channel at one instant. body : what it sits on;  step : size (3,), SI, world frame.
 
-    z : size of the step against its error, what the regressors may miss, and what no laboratory
-        calls a step
+    z : size of the step against its error, what the regressors may miss, counts, and what no
+        laboratory calls a step
     """
 
     kind: str
@@ -50,7 +50,7 @@ def jumps(prepared, travel, late, *, alarm):
             continue
         columns = {'1': np.ones(len(stream.t))} | drift_columns(stream.t) | history_columns(
             stream.t - late.get(kind, 0.0), travel, prepared.motion.touch, memory=kind == FORCE)
-        slack = 0.0 if kind == FORCE else prepared.calibration.slip
+        slack = np.hypot(noise.rounding, 0.0 if kind == FORCE else prepared.calibration.slip)
         for k in range(len(stream.names)):
             found += _jumps(stream, noise, k, columns, alarm, slack)
     return tuple(found)

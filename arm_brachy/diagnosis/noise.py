@@ -36,6 +36,7 @@ class Noise:
     period : [s] between samples;  axes : (c, c) correlation between axes, pooled over channels
     source : 'idle' or 'data sheet';  idle : [s] of idle that it was taken from
     notes : sentences;  doubt : times that, the variance of means may be for all that rests tell
+    count : [SI] step between the values of its coarsest axis, 0 if none is digitised
     """
 
     sd: np.ndarray
@@ -46,6 +47,7 @@ class Noise:
     idle: float = 0.0
     notes: tuple = ()
     doubt: float = 1.0
+    count: float = 0.0
 
     def turned(self, rotation):
         """The Noise of vectors that are turned by a matrix (3, 3)."""
@@ -60,6 +62,11 @@ class Noise:
         """Variance of means over `count` (..., k) successive samples, (..., k, c)."""
         factor = self.colour.mean_variance(count, self.period)
         return np.asarray(factor)[..., None] * self.sd ** 2
+
+    @property
+    def rounding(self):
+        """[SI] rms error of the count, which lasts as long as nothing moves."""
+        return self.count / np.sqrt(12.0)
 
     def effective(self, count):
         """Number of independent samples that `count` successive ones are worth."""
@@ -96,7 +103,7 @@ def noise_of(evidence, devices=None, colours=None):
     spans, rests, out = idle_spans(evidence), rest_spans(evidence), {}
     for kind, stream in evidence.streams.items():
         noise = _noise(stream, spans, rests, devices or {}, (colours or {}).get(kind))
-        out[kind] = replace(noise, doubt=excess(stream, noise, rests))
+        out[kind] = replace(noise, doubt=excess(stream, noise, rests), count=coarsest(stream))
     return out
 
 
@@ -214,6 +221,12 @@ def quantum(values):
     step = float(np.percentile(steps, 1))
     multiple = steps / step
     return step if np.mean(np.abs(multiple - np.round(multiple)) < 0.02) >= 0.9 else 0.0
+
+
+def coarsest(stream):
+    """Quantum of the axis of a Stream that is digitised most coarsely [SI], 0 if none is."""
+    axes = np.moveaxis(stream.values, 2, 0)
+    return max(quantum(axis[np.isfinite(axis)]) for axis in axes)
 
 
 def _data_sheet(stream, devices, note):

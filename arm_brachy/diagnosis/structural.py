@@ -7,6 +7,8 @@ model even where they are within calibration and no fault.
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+
 from arm_brachy.diagnosis.actuator_findings import actuator_findings, played
 from arm_brachy.diagnosis.base_motion import base_findings
 from arm_brachy.diagnosis.changes import joined
@@ -56,7 +58,8 @@ def structure_of(prepared):
         if prepared.registration is not None:
             pads = pad_travels(prepared.evidence, prepared.noise[OPTICAL],
                                prepared.motion.touch, alarm=ALARM / tests,
-                               even=prepared.calibration.play)
+                               even=max(prepared.calibration.play,
+                                        prepared.noise[OPTICAL].rounding))
         frames = {one.marker: one.frame for one in pads}
         pads, at_pads = _themselves(prepared, pads)
         travel = played(prepared, pads)
@@ -95,9 +98,9 @@ def _themselves(prepared, pads):
 
 def _pad_jumps(prepared, one):
     """Steps of the marker of a PadTravel as Jumps, in the world frame."""
+    slack = np.hypot(prepared.noise[OPTICAL].rounding, prepared.calibration.slip)
     return tuple(Jump(OPTICAL, one.marker, one.pad, _in_world(step, one.frame),
-                      sigma(step.size, step.sd, prepared.calibration.slip))
-                 for step in joined(one.steps))
+                      sigma(step.size, step.sd, slack)) for step in joined(one.steps))
 
 
 def _in_world(step, frame):
