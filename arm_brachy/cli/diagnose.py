@@ -99,8 +99,8 @@ def _corrected(found, evidence, scene, folder):
     motion = motion_of(evidence)
     base = base_scenario(scene, Path(scene).stem, found.provenance.seed)
     if motion is not None:
-        base = replace(base, moves=moves_of(motion, evidence.scene.pads,
-                                            base.actuators.max_speed))
+        base = replace(base, moves=moves_of(motion, evidence.scene.pads, base.actuators,
+                                            base.tick))
     try:
         return replace(found, scene=str(write_corrected(found, base, folder / 'corrected.yaml')))
     except ConfigError as error:    # the answer took minutes and stands without

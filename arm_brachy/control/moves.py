@@ -93,14 +93,21 @@ def _target(move, origin, names):
     return target
 
 
+def least_hold(speed, actuators, tick):
+    """Time [s] that a move at `speed` [m/s] must hold: two ticks and the time to brake.
+
+    A command takes effect a tick after it was due, and a pad that had not arrived would round the
+    corner.  actuators : ActuatorParams;  tick : period of the cell clock [s]
+    """
+    return 2.0 * tick + speed / actuators.max_acceleration
+
+
 def check_moves(moves, scene, actuators, tick, place):
     """Refuse moves that the bank cannot make.
 
     scene : Scene;  actuators : ActuatorParams;  tick : period of the cell clock [s]
     place : callable, keys of the scenario file -> `file:line: key`
-    A move must hold for two ticks and the time to brake: a command takes effect a tick after it
-    was due, and a pad that had not arrived would round the corner.
-    Raises ConfigError naming the first key that is wrong.
+    A move must hold for `least_hold`. Raises ConfigError naming the first key that is wrong.
     """
     for i, move in enumerate(moves):
         if move.cycles < 0:
@@ -109,7 +116,7 @@ def check_moves(moves, scene, actuators, tick, place):
             raise ConfigError(f"{place('moves', i, 'speed_mm_s')} = {move.speed * 1e3:g}; must be "
                               f'at most the {actuators.max_speed * 1e3:g} mm/s of '
                               'actuators.max_speed_mm_s')
-        least = 2.0 * tick + move.speed / actuators.max_acceleration
+        least = least_hold(move.speed, actuators, tick)
         if move.hold < least * (1 - 1e-9):
             raise ConfigError(f"{place('moves', i, 'hold_s')} = {move.hold:g}; must be at least "
                               f'{least:.3g}: two ticks and the time to brake from '

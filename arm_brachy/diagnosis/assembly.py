@@ -40,7 +40,7 @@ def assemble(matched, tried, sound=0):
     matched = tuple(matched)
     acts = np.concatenate([np.full(len(m.r), float(i < len(matched) - sound))
                            for i, m in enumerate(matched)])
-    U, names = stacked_nuisances(matched)
+    U, names = stacked_nuisances(matched, sound)
     tests, labels = structured_tests(matched)
     columns = (acts[:, None] * np.vstack([m.observables.whiten(r.per_prior())
                                           for m, r in zip(matched, responses, strict=True)])
@@ -86,12 +86,29 @@ def _shown(value):
         np.array(value, dtype=object)))
 
 
-def stacked_nuisances(matched):
-    """(U, names): nuisances of single recordings side by side, those of the set-up as one."""
+def stacked_nuisances(matched, sound=0):
+    """(U, names): nuisances of single recordings side by side, those of the set-up as one.
+
+    The modulus of the last `sound` recordings is one of their own: tissue dries, warms and is cast
+    anew, which calibration takes up, and no cause is to stand for it.
+    """
     own = block_diag(*(m.U[:, m.own] for m in matched))
     shared = np.vstack([m.U[:, ~m.own] for m in matched])
     names = [name for m in matched for name, own in zip(m.nuisances.names, m.own, strict=True)
              if own]
     names += [n for n, own in zip(matched[0].nuisances.names, matched[0].own, strict=True)
               if not own]
+    if sound:
+        shared, names = _with_modulus_of_nulls(matched, sound, shared, names)
     return np.hstack([own, shared]), tuple(names)
+
+
+def _with_modulus_of_nulls(matched, sound, shared, names):
+    """Shared columns (N, k + 1) and all names, the modulus split between suspects and nulls."""
+    null = np.concatenate([np.full(len(m.r), i >= len(matched) - sound)
+                           for i, m in enumerate(matched)])
+    column = shared[:, names.index('modulus') - len(names)]
+    rest = np.where(null, column, 0.0)
+    shared = shared.copy()
+    shared[null, names.index('modulus') - len(names)] = 0.0
+    return np.column_stack([shared, rest]), [*names, 'modulus_of_nulls']

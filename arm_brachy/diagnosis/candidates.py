@@ -20,9 +20,9 @@ SOFTENING_ENERGIES = (15.0, 150.0)      # J/m^3: strains of 7 and 22 %
 # Azimuth, elevation [deg] of fibres: axes, diagonals of the faces and of the body of a cube, some
 # of them less than 28 degrees from any direction.
 TILT = float(np.degrees(np.arctan(np.sqrt(0.5))))
-FIBRES = ((0.0, 90.0), *((a, 0.0) for a in (0.0, 45.0, 90.0, 135.0)),
-          *((a, 45.0) for a in (0.0, 90.0, 180.0, 270.0)),
-          *((a, TILT) for a in (45.0, 135.0, 225.0, 315.0)))
+FIBRES = ((0.0, 90.0), *((a, 0.0) for a in (0.0, 45.0, 90.0, -45.0)),
+          *((a, e) for a in (0.0, 90.0) for e in (45.0, -45.0)),
+          *((a, e) for a in (45.0, -45.0) for e in (TILT, -TILT)))
 SECOND_BRANCH = 40.0    # s, beside a first that is faster by far: creep of tissue has both
 
 

@@ -116,6 +116,15 @@ def test_stiffening_is_named_with_its_size(stiffening):
     assert optical.named < 1.5 * optical.noise_floor
 
 
+def test_tissue_that_is_softer_than_in_the_null_recording_lacks_no_physics(record):
+    """Calibration takes it up; with one modulus for both, softening was named."""
+    soft = record(({'name': 'stiffness_scale', 'factor': 0.85},))
+    d = diagnose((soft,), source(), null=(record(seed=2, name='sound'),), meshes=MESHES).diagnosis
+    assert d.verdict == 'nothing_missing'
+    E = d.recalibrated['E'].value / soft.scene.material.E
+    assert E == pytest.approx(0.85, rel=0.03)
+
+
 def test_what_drifts_goes_on_from_one_recording_to_the_next(record):
     """A minute later the tissue is stiffer by a third from the start, and still stiffens."""
     drift = ({'name': 'stiffness_drift', 'rate_per_min': 0.3},)

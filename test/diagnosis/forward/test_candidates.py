@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from arm_brachy.core.quantity import quantities
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.candidates import (
+    FIBRES,
     Occasions,
     candidates,
     interior_places,
@@ -29,6 +31,27 @@ def test_every_term_has_some_and_they_fit(linear, cls):
         if term.stage is Stage.BODY:
             body = term.prepare(linear.body)
             term.memory(body)
+
+
+@pytest.mark.parametrize('cls', TERMS, ids=lambda cls: cls.spec.name)
+def test_every_place_is_where_its_prior_has_it(linear, cls):
+    """A fit that starts elsewhere starts at the limit, somewhere else."""
+    for one in candidates(cls, linear, KNOWN):
+        for name, value in one.place.items():
+            info = quantities(cls).get(name)
+            if info is None or info.prior is None or info.prior[0] != 'uniform':
+                continue
+            low, high = (info.scale * end for end in info.prior[1:])
+            assert low - 1e-9 <= value <= high + 1e-9, (name, value)
+
+
+def test_fibres_are_tried_within_28_degrees_of_any_direction():
+    tried = np.array([by_name('anisotropy')(azimuth=a, elevation=e).direction
+                      for a, e in np.radians(FIBRES)])
+    some = np.random.default_rng(1).normal(size=(2000, 3))
+    some /= np.linalg.norm(some, axis=1)[:, None]
+    assert np.abs(some @ tried.T).max(axis=1).min() > np.cos(np.radians(28.0))
+    assert np.abs(tried @ tried.T - np.eye(13)).max() < 1.0 - 1e-6      # each axis once
 
 
 def test_what_no_occasion_supports_is_no_hypothesis(linear):

@@ -5,10 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from arm_brachy.control.moves import check_moves
+from arm_brachy.devices.actuator_driver import ActuatorParams
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.finding import Finding
 from arm_brachy.diagnosis.given import given, occasions_of
-from arm_brachy.diagnosis.motion import motion_of
+from arm_brachy.diagnosis.motion import Motion, motion_of
 from arm_brachy.diagnosis.occasion import intervals, regime_of
 from arm_brachy.diagnosis.pushes import moves_of
 from arm_brachy.diagnosis.recorded import look
@@ -114,11 +116,22 @@ def test_what_happened_in_one_of_two_recordings_is_of_that_one(looked, sound):
 def test_the_pushes_can_be_made_again(sound):
     """Following the moves arrives at the corners of the recorded path, not faster than allowed."""
     motion = motion_of(sound.prepared.evidence)
-    moves = moves_of(motion, sound.prepared.evidence.scene.pads, 0.018)
+    moves = moves_of(motion, sound.prepared.evidence.scene.pads, ActuatorParams(max_speed=0.018),
+                     0.05)
     ends = np.array([[pad.position for pad in move.pads] for move in moves])
     assert ends.max(axis=0) == pytest.approx([8e-3, 6e-3, 6e-3], abs=1e-4)
     assert np.all([0.0 < move.speed <= 0.018 for move in moves])
     assert sum(move.hold for move in moves) < motion.t[-1] - motion.t[0]
+
+
+def test_pushes_without_a_stand_become_moves_that_stand_as_long_as_a_cell_must(sound):
+    t, q = np.array([0.0, 1.0, 1.5, 2.5, 4.0]), np.array([0.0, 0.0, 5e-3, 2e-3, 2e-3])
+    scene = sound.prepared.evidence.scene
+    motion = Motion(t, np.stack([q, 0.0 * q, 0.0 * q], axis=1), 1e-5, 1e-4)
+    actuators, tick = ActuatorParams(), 0.05
+    moves = moves_of(motion, scene.pads, actuators, tick)
+    assert len(moves) == 2
+    check_moves(moves, scene, actuators, tick, lambda *keys: '.'.join(map(str, keys)))
 
 
 def test_an_effect_of_depth_shows_while_pads_are_in(sound):
