@@ -149,7 +149,7 @@ def _windows(cls, specimen, occasions):
 def _rhythms(cls, specimen, occasions):
     """Every quarter of a period, so that phase is free; along each axis."""
     return [{'frequency': float(f), 'phase': phase, 'direction': tuple(axis)}
-            for f in occasions.frequencies for phase in 0.5 * np.pi * np.arange(4)
+            for f in occasions.frequencies for phase in 0.5 * np.pi * np.arange(-1, 3)
             for axis in np.eye(3)]
 
 
