@@ -11,7 +11,7 @@ from arm_brachy.core.scene import load_scene
 from arm_brachy.evaluation.timeseries import EmSamples, OpticalFrames, RunData, Series
 from arm_brachy.experiments import dome_rig
 from arm_brachy.experiments.dome_faults import study
-from arm_brachy.experiments.dome_faults.faults import FAULTS, ONSET
+from arm_brachy.experiments.dome_faults.faults import BY_NAME, FAULTS, ONSET
 from arm_brachy.recording.import_csv import import_csv
 from arm_brachy.recording.scene_import import import_scene
 from arm_brachy.registry import by_name
@@ -20,7 +20,6 @@ from arm_brachy.tissue.mesh import load_mesh
 
 T = np.linspace(0.0, 36.0, 73)
 PADS = tuple(f'pad_{i}' for i in range(4))
-BY_NAME = {fault.name: fault for fault in FAULTS}
 STREAMS = ('encoder', 'force', 'optical', 'em')
 
 

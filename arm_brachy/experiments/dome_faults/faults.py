@@ -154,3 +154,5 @@ FAULTS = (
     Fault('weighed', 'gravity', {'added_m_s2': (0.0, 0.0, WEIGHT)},
           alter=lambda scene: replace(scene, gravity=(0.0, 0.0, -WEIGHT))),
 )
+
+BY_NAME = {fault.name: fault for fault in FAULTS}

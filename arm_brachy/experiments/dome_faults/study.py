@@ -27,7 +27,7 @@ from arm_brachy.diagnosis.page import write_diagnosis
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.experiments import dome_rig, recordings
 from arm_brachy.experiments.diagnosis_cases import hasty_pool
-from arm_brachy.experiments.dome_faults.faults import FAULTS
+from arm_brachy.experiments.dome_faults.faults import BY_NAME, FAULTS
 from arm_brachy.experiments.told import errors, sized, three, told, verdict
 from arm_brachy.offline import load_run
 
@@ -40,7 +40,7 @@ def reproduce(out_dir, folder=None, faults=FAULTS):
     """Import, spoil and diagnose; write dome-faults.json into `out_dir`.
 
     folder : keeps answers (JSON and a page each); default dome-faults/ among the runs
-    faults : faults.Fault each
+    faults : of FAULTS
     Returns evaluation.result.Result, a row per fault. No goals are set. Raises InputError if the
     recordings are absent.
     """
@@ -51,9 +51,10 @@ def reproduce(out_dir, folder=None, faults=FAULTS):
     with tempfile.TemporaryDirectory() as scratch, hasty_pool(len(lacking)) as pool:
         scene, bags = dome_rig.imported(source, Path(scratch))
         bags = tuple(bags.values())
-        for one, _ in zip(lacking, pool.map(answer_one, lacking, repeat(scene), repeat(bags),
-                                            repeat(folder)), strict=True):
-            print(f'{NAME}: {one.name}', file=sys.stderr, flush=True)
+        names = [one.name for one in lacking]
+        for name, _ in zip(names, pool.map(answer_one, names, repeat(scene), repeat(bags),
+                                           repeat(folder)), strict=True):
+            print(f'{NAME}: {name}', file=sys.stderr, flush=True)
     rows = tuple(row(one, json.loads(_answer_file(folder, one).read_text(encoding='utf-8')))
                  for one in faults)
     result = Result(NAME, SEED, commit_of(share_dir()), str(machine_description()), rows)
@@ -65,8 +66,9 @@ def _answer_file(folder, fault):
     return folder / f'{fault.name}.json'
 
 
-def answer_one(fault, scene, bags, folder):
-    """Diagnose the recordings with a Fault; leaves {'cpu_s', 'answer'} and a page in `folder`."""
+def answer_one(name, scene, bags, folder):
+    """Diagnose the recordings with the fault of a name; leaves {'cpu_s', 'answer'} and a page."""
+    fault = BY_NAME[name]
     path = _answer_file(folder, fault)
     with tempfile.TemporaryDirectory() as scratch:
         altered = altered_scene(fault, load_scene(scene), Path(scratch))
