@@ -158,7 +158,8 @@ class Baseline:
             if late:
                 now, then = self.path.at(np.array([self.t[i], t]))
                 values = values + self.pads_moved(i, then - now)[kind]
-            out.append(self.model.sense(kind, t, values, self.pads(i), terms=terms))
+            out.append(self.model.sense(kind, t, values, self.pads(i), terms=terms,
+                                        start=self.encoder.t[0]))
         return out
 
     def pads_moved(self, i, moved):

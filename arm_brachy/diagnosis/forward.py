@@ -136,14 +136,16 @@ class ForwardModel:
         """By how much the stamps of a stream are late [s]."""
         return sum(term.lateness for term in self._by_stage[STAGES[kind]])
 
-    def sense(self, kind, t, values, pads, *, terms=None):
+    def sense(self, kind, t, values, pads, *, terms=None, start=0.0):
         """Return what the sensors of a stream show (c, 3) of the true `values` (c, 3) at t [s].
 
         pads : (p, 3) [m];  terms : to sense with, of any stage; None = the model's
+        start : [s] of the recording: force sensors are tared then, and drift from there
         """
         names = {OPTICAL: self.specimen.markers, EM: self.specimen.tools,
                  FORCE: self.specimen.pads}[kind]
         by_stage = self._by_stage if terms is None else split(terms)
+        t = t - start if kind == FORCE else t
         for term in by_stage[STAGES[kind]]:
             values = term.distort(t, names, values, pads)
         return values
@@ -173,7 +175,8 @@ class ForwardModel:
         for kind, times in when.items():
             index = np.searchsorted(states.t, times)
             values[kind] = np.stack([self.sense(kind, states.t[i], self.truth(states, i)[kind],
-                                                states.pads[i]) for i in index])
+                                                states.pads[i], start=encoder.t[0])
+                                     for i in index])
             outcomes = [old if not old.ok else states.outcomes[i]
                         for old, i in zip(outcomes, index, strict=True)]
         lost = np.array([not outcome.ok for outcome in outcomes])

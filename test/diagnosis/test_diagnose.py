@@ -116,6 +116,18 @@ def test_stiffening_is_named_with_its_size(stiffening):
     assert optical.named < 1.5 * optical.noise_floor
 
 
+def test_a_force_sensor_drifts_from_when_it_was_tared(scene):
+    """At 50 s, when the second recording of a session began, as at 0 in the first."""
+    drift = parse_terms(({'name': 'force_drift', 'rate_N_min': [0.6, 0.0, 0.0]},), 'test')
+    path, specimen = path_of(PUSHES[:1]), specimen_of(scene)
+    t = path.t[::20]
+    first, later = (ForwardModel(specimen, drift).predict(replace(path, t=path.t + start),
+                                                          t + start).get(FORCE)
+                    for start in (0.0, 50.0))
+    np.testing.assert_allclose(later, first, atol=1e-9)
+    assert first[-1, 3, 0] == pytest.approx(0.01 * t[-1], rel=0.2)     # a pad that is not pushed
+
+
 def test_tissue_that_is_softer_than_in_the_null_recording_lacks_no_physics(record):
     """Calibration takes it up; with one modulus for both, softening was named."""
     soft = record(({'name': 'stiffness_scale', 'factor': 0.85},))

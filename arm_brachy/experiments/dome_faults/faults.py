@@ -108,16 +108,18 @@ def _turned(scene):
 
 def _taller(scene):
     """The drawing is HIGHER than the body: what is on the tissue is drawn with it."""
-    markers = (one if one.body == 'base' else replace(one, position=_raised(one.position))
-               for one in scene.markers)
+    up = {pad.name: HIGHER * pad.centre[2] for pad in scene.pads}    # their markers with them
+    markers = (_moved(one, up[one.body]) if one.body in up else one if one.body == 'base'
+               else _moved(one, HIGHER * one.position[2]) for one in scene.markers)
     return replace(scene, markers=tuple(markers), pads=tuple(
-        replace(pad, centre=_raised(pad.centre)) for pad in scene.pads), targets=tuple(
-        replace(one, position=_raised(one.position)) for one in scene.targets))
+        replace(pad, centre=(*pad.centre[:2], (1.0 + HIGHER) * pad.centre[2]))
+        for pad in scene.pads), targets=tuple(
+        _moved(one, HIGHER * one.position[2]) for one in scene.targets))
 
 
-def _raised(place):
-    x, y, z = place
-    return (x, y, (1.0 + HIGHER) * z)
+def _moved(one, up):
+    x, y, z = one.position
+    return replace(one, position=(x, y, z + up))
 
 
 def _with_material(**changed):
