@@ -256,7 +256,9 @@ def _part(m, observables, kinds, U, plain, ratio, of_mesh, found):
     """The Part; plain : what the model shows without any term."""
     given = observables.difference({**plain, FORCE: plain[FORCE] / ratio})
     return Part(observables, kinds, given, observables.residual(plain), U, m.own,
-                np.isin(m.nuisances.names, NAMES), of_mesh, *found)
+                np.isin(m.nuisances.names, NAMES),
+                np.array([name.startswith('frame_') for name in m.nuisances.names]), of_mesh,
+                *found)
 
 
 def _without_terms(m, encoder, t, shown):

@@ -25,8 +25,8 @@ def part(rng, effect=EFFECT, named=True):
     kinds = np.array(['slow', 'fast'])[(np.arange(N) >= N // 2).astype(int)][both.states]
     r = both.residual(zero)
     return Part(both, kinds, both.difference(zero), r, U, np.zeros(3, dtype=bool),
-                np.zeros(3, dtype=bool), np.zeros(len(r)), r if named else None,
-                J if named else None)
+                np.zeros(3, dtype=bool), np.zeros(3, dtype=bool), np.zeros(len(r)),
+                r if named else None, J if named else None)
 
 
 def test_errors_fall_from_the_scene_as_it_came_to_the_noise():
@@ -59,11 +59,22 @@ def test_a_recording_that_was_not_fitted_is_predicted_from_those_that_were():
     assert fit.recalibrated == pytest.approx(np.hypot(EFFECT / np.sqrt(3.0), SD), rel=0.1)
 
 
+def test_where_the_tracker_stood_in_a_recording_held_out_is_no_prediction():
+    """Its frame is matched there; how the effect grows is not."""
+    rng, alone = np.random.default_rng(5), np.ones(3, dtype=bool)
+    fitted, later = (replace(part(rng, size), own=alone, frame=alone) for size in (0.0, EFFECT))
+    fit, = stream_fits([fitted], [('later', later)])
+    assert fit.recalibrated == pytest.approx(np.hypot(EFFECT / np.sqrt(12.0), SD), rel=0.1)
+    unplaced, = stream_fits([replace(fitted, frame=~alone)],
+                            [('later', replace(later, frame=~alone))])
+    assert unplaced.recalibrated > SHIFT
+
+
 def test_what_a_mesh_may_be_wrong_by_is_fitted_and_predicts_nothing():
     """Of a column of the mesh that explains all, the error stays; with the cause it goes."""
     one = part(np.random.default_rng(6))
     one = replace(one, U=np.hstack([one.U, one.columns]), own=np.zeros(4, dtype=bool),
-                  mesh=np.array([False, False, False, True]))
+                  mesh=np.array([False, False, False, True]), frame=np.zeros(4, dtype=bool))
     fit, = stream_fits([one])
     # Less than the effect about its mean: the mesh was not taken for the shift.
     assert fit.recalibrated == pytest.approx(np.hypot(EFFECT / np.sqrt(3.0), SD), rel=0.1)
@@ -83,7 +94,7 @@ def test_what_is_of_one_recording_alone_stands_side_by_side():
     rng = np.random.default_rng(4)
     one, other = part(rng), part(rng)
     own = [Part(p.observables, p.kinds, p.given, p.r, p.U, np.array([True, False, False]),
-                np.zeros(3, dtype=bool), np.zeros(len(p.r)))
+                np.zeros(3, dtype=bool), np.zeros(3, dtype=bool), np.zeros(len(p.r)))
            for p in (one, other)]
     U = stacked(own)
     assert U.shape == (len(one.r) + len(other.r), 4)
