@@ -7,25 +7,20 @@ a change of the faults or the detector.
 """
 
 import json
-import os
 import sys
 import tempfile
-import time
 from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
 
 import numpy as np
 
-from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import run_dir, share_dir
 from arm_brachy.core.scene import MeshFile, load_scene
-from arm_brachy.diagnosis.diagnose import diagnose
-from arm_brachy.diagnosis.diagnosis import Provenance
 from arm_brachy.diagnosis.evidence import evidence_of, zero_of
-from arm_brachy.diagnosis.page import write_diagnosis
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.experiments import dome_rig, recordings
+from arm_brachy.experiments.answers import diagnosed, keep
 from arm_brachy.experiments.diagnosis_cases import hasty_pool
 from arm_brachy.experiments.dome_faults.faults import BY_NAME, FAULTS
 from arm_brachy.experiments.told import errors, sized, three, told, verdict
@@ -73,15 +68,7 @@ def answer_one(name, scene, bags, folder):
     with tempfile.TemporaryDirectory() as scratch:
         altered = altered_scene(fault, load_scene(scene), Path(scratch))
         runs = [fault.spoil(load_run(bag, measured=True), i) for i, bag in enumerate(bags)]
-        start = time.process_time()
-        try:
-            answer = _diagnosed(runs, altered, zero_of(bags), path.with_suffix('.html'))
-        except ArmBrachyError as error:
-            answer = {'error': str(error)}
-    part = path.with_suffix('.part')
-    part.write_text(json.dumps({'cpu_s': time.process_time() - start, 'answer': answer}),
-                    encoding='utf-8')
-    os.replace(part, path)
+        keep(path, lambda: _diagnosed(runs, altered, zero_of(bags), path.with_suffix('.html')))
 
 
 def altered_scene(fault, scene, scratch):
@@ -96,11 +83,8 @@ def altered_scene(fault, scene, scratch):
 def _diagnosed(runs, scene, zero, page):
     """The answer as JSON holds it; its page is written to `page`.  zero : `evidence.zero_of`"""
     evidences = [evidence_of(run, scene, zero=zero) for run in runs]
-    source = Provenance(page.stem, SEED, commit_of(share_dir()), str(machine_description()),
-                        scene.name, ())
-    answer = diagnose(evidences[:FITTED], source, held_out=evidences[FITTED:])
-    write_diagnosis(answer.diagnosis, answer.shown, page)
-    return json.loads(answer.diagnosis.to_json())
+    return diagnosed(evidences[:FITTED], page.stem, scene.name, page, seed=SEED,
+                     held_out=evidences[FITTED:])
 
 
 def row(fault, line):

@@ -7,21 +7,16 @@ detector, delete that folder, or of it what would be another.
 """
 
 import json
-import os
 import sys
 import tempfile
-import time
 from itertools import repeat
 from pathlib import Path
 
-from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import run_dir, share_dir
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.diagnose import diagnose
-from arm_brachy.diagnosis.diagnosis import Provenance
 from arm_brachy.diagnosis.evidence import load_evidence
-from arm_brachy.diagnosis.page import write_diagnosis
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
+from arm_brachy.experiments.answers import diagnosed, keep
 from arm_brachy.experiments.diagnosis_cases import hasty_pool
 from arm_brachy.experiments.gel_block.bodies import load_rays, solve_all
 from arm_brachy.experiments.gel_block.cases import CASES
@@ -85,24 +80,14 @@ def answer_one(case, folder):
     path = _answer_file(folder, case)
     with tempfile.TemporaryDirectory() as scratch:
         import_csv(columns, Path(scratch) / case.name)
-        start = time.process_time()
-        try:
-            answer = _diagnosed(Path(scratch) / case.name, scene, path.with_suffix('.html'))
-        except ArmBrachyError as error:
-            answer = {'error': str(error)}
-    part = path.with_suffix('.part')
-    part.write_text(json.dumps({'cpu_s': time.process_time() - start, 'answer': answer}),
-                    encoding='utf-8')
-    os.replace(part, path)
+        keep(path, lambda: _diagnosed(Path(scratch) / case.name, scene,
+                                      path.with_suffix('.html')))
 
 
 def _diagnosed(bag, scene, page):
     """The answer as JSON holds it; its page is written to `page`."""
-    source = Provenance(bag.name, SEED, commit_of(share_dir()), str(machine_description()),
-                        scene.name, ())
-    answer = diagnose(load_evidence((bag,), load_scene(scene)), source)
-    write_diagnosis(answer.diagnosis, answer.shown, page)
-    return json.loads(answer.diagnosis.to_json())
+    return diagnosed(load_evidence((bag,), load_scene(scene)), bag.name, scene.name, page,
+                     seed=SEED)
 
 
 def row(case, line):
