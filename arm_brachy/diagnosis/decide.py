@@ -426,6 +426,7 @@ class Judge:
 
         Full fits tell causes whose responses are alike only where they fit worse; what would have
         to be less than nothing is no rival, nor what would have to be as large as it never is.
+        One that predicts better what is held out is a rival, however many numbers it takes.
         Of a pair also those in which another cause has the place of either.
         """
         kept = [None]
@@ -445,8 +446,9 @@ class Judge:
                 told = accepted.weighed and rival.weighed and (
                     accepted.fit - rival.fit >= self.rules.rival)
                 absurd = self._lead(accepted, rival) >= self.rules.certain
+                predicts = rival.held_out - accepted.held_out >= self.rules.held_out and not told
                 alike = apart < self.rules.apart and not told and not absurd or (
-                    close and self._claims(rival, over=rest))
+                    (close or predicts) and self._claims(rival, over=rest))
                 if alike and not self._gone(rival):
                     out.append(replace(rival, separation=apart))
         return tuple(out)

@@ -14,6 +14,8 @@ from arm_brachy.diagnosis.model_error import Accuracy
 from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.structured_tests import structured_tests
 
+AS_GOOD = 1.0       # gain of a full fit in log density, below which its response does as well
+
 
 class FullFits:
     """Fitted of every decide.Candidate that is asked for, once, and what each leaves.
@@ -23,7 +25,7 @@ class FullFits:
     """
 
     def __init__(self, assembly, rng, accuracy=None):
-        self._assembly, self._rng, self._known = assembly, rng, {}
+        self._assembly, self._rng, self._known, self._gains = assembly, rng, {}, {}
         self._law = (accuracy or Accuracy()).law
 
     def of(self, candidate):
@@ -34,10 +36,37 @@ class FullFits:
         return self._known[key]
 
     def check(self, candidate):
-        """The adequacy.Scan of what it leaves, its numbers free to first order."""
-        found = self.of(candidate)
-        if found.refit is None:
+        """The adequacy.Scan of what it leaves, its numbers free to first order.
+
+        Full fits are made at some of the states. Where the response does as well there, it is
+        asked what it leaves in all of them: of weak effects a third of the states shows little.
+        """
+        gain = self.gain(candidate)
+        if gain is None or gain.fit < AS_GOOD:
             return self._linear(candidate)
+        return self._fitted(candidate)
+
+    def gain(self, candidate):
+        """laplace.Gain of the full fit of a decide.Candidate; None if it did not settle."""
+        key = tuple(map(id, candidate.explanations))
+        if key not in self._gains:
+            self._gains[key] = gain_over_response(self._assembly, candidate, self.of(candidate))
+        return self._gains[key]
+
+    def gone(self, candidate):
+        """True if a cause of it may be nothing at all once its numbers are fitted in full.
+
+        What one number of its own, or of the model, explains as well has then no size left.
+        """
+        found = self.of(candidate)
+        return found.refit is not None and any(
+            all(_may_be_nothing(strength, estimates[strength.name])
+                for strength in hypothesis.strengths)
+            for hypothesis, estimates in zip(found.hypotheses, found.estimates, strict=True))
+
+    def _fitted(self, candidate):
+        """The Scan of what the full fit leaves at its states."""
+        found = self.of(candidate)
         parts = parts_of(self._assembly, found, 1.0)
         matched = self._assembly.matched[:len(parts)]
         tests, labels = structured_tests(matched, [
@@ -52,21 +81,6 @@ class FullFits:
         errors = law_errors([part.observables for part in parts], pushes, sizes)
         left = named - np.concatenate([part.of_mesh for part in parts])
         return self._scan(np.hstack([U, errors]), left, (tests, labels), np.concatenate(sizes))
-
-    def gain(self, candidate):
-        """laplace.Gain of the full fit of a decide.Candidate; None if it did not settle."""
-        return gain_over_response(self._assembly, candidate, self.of(candidate))
-
-    def gone(self, candidate):
-        """True if a cause of it may be nothing at all once its numbers are fitted in full.
-
-        What one number of its own, or of the model, explains as well has then no size left.
-        """
-        found = self.of(candidate)
-        return found.refit is not None and any(
-            all(_may_be_nothing(strength, estimates[strength.name])
-                for strength in hypothesis.strengths)
-            for hypothesis, estimates in zip(found.hypotheses, found.estimates, strict=True))
 
     def _linear(self, candidate):
         """The Scan of what the linear answer leaves."""

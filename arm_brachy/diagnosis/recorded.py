@@ -42,11 +42,13 @@ def look(evidence, *, limit=LIMIT, devices=None, calibration=None, noise=None):
     prepared = prepare(evidence, devices, calibration, noise)
     structure = structure_of(prepared)
     late = {kind: structure.late(kind) for kind in structure.clocks}
-    jumps = [t for finding in structure.findings if finding.onset for t in finding.onset]
+    onsets = [finding.onset for finding in structure.findings if finding.onset]
+    jumps = [t for onset in onsets for t in onset]
     rhythm = max((finding.parameters.get('frequency', 0.0) for finding in structure.findings),
                  default=0.0)
     even = _put_right(prepared, structure.pads)
-    states = without(load_states(even, late, limit, rhythm), jumps)
+    events = {sum(onset) / 2.0 for onset in onsets}
+    states = without(load_states(even, late, limit, rhythm, events), jumps)
     return Recorded(prepared, structure, states, kinds_of(states, evidence.pads))
 
 

@@ -70,11 +70,12 @@ def without(states, times):
                    labels=labels, state=states.state[kept])
 
 
-def load_states(prepared, late=None, limit=LIMIT, rhythm=0.0):
+def load_states(prepared, late=None, limit=LIMIT, rhythm=0.0, events=()):
     """Reduce a recording to at most `limit` LoadStates.
 
     prepared : prepared.Prepared;  late : kind -> [s] by which a stream's stamps are late
     rhythm : [Hz] in which something goes on all the time, 0 = nothing does
+    events : times [s] of what came suddenly: a few states more lie between two of them
     On ramps the value of a straight line at the middle of the window is taken, so that gaps do not
     shift it in time; on stands the mean. Valid for motion that is straight within the tolerance of
     prepared.motion inside every window, and for a body that follows without inertia.
@@ -88,7 +89,7 @@ def load_states(prepared, late=None, limit=LIMIT, rhythm=0.0):
         path_t, path_q = np.array([w.centre for w in windows]), q
         state = np.arange(len(windows))
     else:
-        windows = windows_of(motion, limit, rhythm)
+        windows = windows_of(motion, limit, rhythm, events)
         q, velocity = _pushes(prepared, windows)
         labels = labels_of(motion, windows, q)
         path_t, path_q, state = _path(motion, windows, q)

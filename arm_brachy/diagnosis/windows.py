@@ -20,6 +20,8 @@ RESTS = 0.2         # of a bounded number of windows, for stands without a push
 COVERED = 0.1       # of the largest travel, by one: the answer to a push bends with the push
 LOUD = 6.0          # standard deviations of noise that make a body without pads move
 APART = 0.05        # s over which its motion is looked at
+ENOUGH = 4          # windows between two sudden events, for what lasted from one to the other,
+MANY = 12           # unless so many happened
 
 
 @dataclass(frozen=True)
@@ -37,22 +39,44 @@ class Window:
         return 0.5 * (self.start + self.stop)
 
 
-def windows_of(motion, limit, rhythm=0.0):
+def windows_of(motion, limit, rhythm=0.0, events=()):
     """At most `limit` Windows over the stands and ramps of a Motion, in order of time.
 
-    rhythm : [Hz] of what goes on in stands, 0 = none
+    rhythm : [Hz] of what goes on in stands, 0 = none;  events : times [s] of what came suddenly:
+        a touch of two seconds is seen in some windows of its own, beyond the limit if need be
     A stand is seen early and late, in parts that double in length, so that what relaxes is
     resolved and what stands is averaged; a ramp on its straight pieces, at most a quarter of the
     largest travel apart. Where there are too many, all become coarser together, then some are
     left out, of every load its share, so that a protocol that repeats is not seen in one phase.
     """
     phases, longest = motion.phases(), SWING / (2.0 * np.pi * rhythm) if rhythm else np.inf
-    for level in LEVELS:
-        found = [w for i, phase in enumerate(phases)
-                 for w in _cut(motion, phase, i, level, longest)]
-        if len(found) <= limit:
-            return tuple(found)
-    return _thinned(found, motion, limit)
+
+    def cut(level):
+        return [w for i, phase in enumerate(phases)
+                for w in _cut(motion, phase, i, level, longest)]
+
+    found = next((some for some in map(cut, LEVELS) if len(some) <= limit), None)
+    found = _thinned(cut(LEVELS[-1]), motion, limit) if found is None else found
+    ends = [float(motion.t[0]), *sorted(events), float(motion.t[-1])]
+    for a, b in zip(ends[:-1], ends[1:], strict=True) if 0 < len(events) < MANY else ():
+        if sum(a < w.start and w.stop < b for w in found) < ENOUGH:
+            finer = _between(motion, phases, a + SETTLED, b - SETTLED, longest)
+            found = [*(w for w in found if w.stop <= a or b <= w.start), *finer]
+    return tuple(sorted(found, key=lambda w: w.start))
+
+
+def _between(motion, phases, start, stop, longest):
+    """Windows between two times: stands as far as they lie there, of ramps whole windows."""
+    out = []
+    for i, (first, last) in enumerate(phases):
+        a, b = max(float(motion.t[first]), start), min(float(motion.t[last]), stop)
+        if motion.still[first]:
+            settled = float(motion.t[first]) + SETTLED if first > 0 else a
+            out += _stand(max(a, settled), b, i, ENOUGH, min(LONGEST, longest))
+        else:
+            out += [w for w in _ramp(motion, first, last, i, FINEST[1])
+                    if start <= w.start and w.stop <= stop]
+    return out
 
 
 def _thinned(windows, motion, limit):

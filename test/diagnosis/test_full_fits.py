@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from arm_brachy.diagnosis.cause import Estimate
-from arm_brachy.diagnosis.full_fits import FullFits
+from arm_brachy.diagnosis.full_fits import AS_GOOD, FullFits
+from arm_brachy.diagnosis.laplace import Gain
 
 
 def gone(*causes, refit=True):
@@ -51,3 +52,16 @@ def test_one_number_that_is_something_keeps_a_cause_and_any_cause_gone_undoes_al
 
 def test_what_could_not_be_fitted_in_full_is_not_gone():
     assert not gone([(0.0, None, Estimate(0.0, -1.0, 1.0))], refit=False)
+
+
+@pytest.mark.parametrize(('gain', 'expected'), [
+    (Gain(0.0, 0.5 * AS_GOOD), 'every state'), (Gain(0.0, 2.0 * AS_GOOD), 'states of the fit'),
+    (None, 'every state')])
+def test_what_a_response_says_as_well_is_asked_what_it_leaves_in_every_state(
+        gain, expected):
+    """A gap of 1.5 mm was passed off as a drift by the third of the states of its full fit."""
+    fits = FullFits(None, None)
+    fits.of, fits.gain = (lambda candidate: None), (lambda candidate: gain)
+    fits._linear = lambda candidate: 'every state'
+    fits._fitted = lambda candidate: 'states of the fit'
+    assert fits.check(None) == expected

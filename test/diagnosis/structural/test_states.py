@@ -170,6 +170,26 @@ def test_a_protocol_that_repeats_is_seen_in_all_its_phases(cycles, limit):
     assert 1 <= np.sum(~moves & (at < 1e-4)) <= 0.21 * limit
 
 
+@pytest.mark.parametrize('start', [3.1, 50.1, 101.0, 143.5])
+def test_a_touch_of_two_seconds_is_seen_however_few_the_states(start):
+    """One that fell between the states of a long recording was told as nothing that is known."""
+    t, q = [0.0, 2.0], [0.0, 0.0]
+    for _ in range(40):
+        for lasts, to in ((0.3, 5e-3), (1.5, 5e-3), (0.3, 0.0), (1.5, 0.0)):
+            t.append(t[-1] + lasts)
+            q.append(to)
+    motion, ends = Motion(np.array(t), np.array(q)[:, None], 1e-5, 1e-4), (start, start + 2.0)
+
+    def inside(windows):
+        return [w for w in windows if ends[0] < w.start and w.stop < ends[1]]
+
+    assert len(inside(windows_of(motion, 20))) < 3
+    windows = windows_of(motion, 20, events=ends)
+    assert 3 <= len(inside(windows)) and len(windows) < 20 + 12
+    edges = [(w.start, w.stop) for w in windows]
+    assert all(a[1] < b[0] + 1e-9 for a, b in zip(edges[:-1], edges[1:], strict=True))
+
+
 def test_a_rhythm_is_not_averaged_away():
     """In every window on a stand its mean is its value in the middle, to 1 % of its height."""
     t, q = np.array([0.0, 5.0, 5.5, 9.0, 9.5, 12.0]), np.array([0.0, 0.0, 5e-3, 5e-3, 0.0, 0.0])

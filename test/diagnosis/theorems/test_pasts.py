@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.diagnosis.adequacy import scan
-from arm_brachy.diagnosis.law_error import past_errors
+from arm_brachy.diagnosis.law_error import SPILL, past_errors
 from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.stream import ENCODER
 from arm_brachy.diagnosis.structured_tests import structured_tests
@@ -83,8 +83,19 @@ def test_tests_keep_their_numbers_where_only_some_states_are_looked_at(breast, t
 
 def test_a_law_may_be_wrong_by_as_much_of_a_past_as_its_effect_has():
     rng = np.random.default_rng(5)
-    tests = rng.normal(size=(200, 4))
-    np.testing.assert_allclose(past_errors(tests, 0.1 * tests[:, 2])[:, 2], 0.1 * tests[:, 2])
+    tests = np.linalg.qr(rng.normal(size=(200, 4)))[0]
+    size = 0.1 * tests[:, 2]
+    np.testing.assert_allclose(past_errors(tests, size)[:, 2], np.hypot(1.0, SPILL) * size,
+                               rtol=1e-6)
     apart = rng.normal(size=200)
-    apart -= tests @ np.linalg.lstsq(tests, apart, rcond=None)[0]
-    np.testing.assert_allclose(past_errors(tests, apart), 0.0, atol=1e-12)
+    apart -= tests @ (tests.T @ apart)
+    np.testing.assert_allclose(np.linalg.norm(past_errors(tests, apart), axis=0),
+                               SPILL * np.linalg.norm(apart), rtol=1e-6)
+
+
+def test_a_hundred_tests_that_show_the_same_allow_no_more_than_one():
+    rng = np.random.default_rng(6)
+    one = rng.normal(size=(200, 1))
+    alone, size = past_errors(one, 0.1 * one[:, 0]), 0.1 * one[:, 0]
+    together = past_errors(np.tile(one, (1, 100)) * rng.uniform(0.5, 2.0, 100), size)
+    np.testing.assert_allclose(together @ together.T, alone @ alone.T, atol=1e-6)
