@@ -57,7 +57,7 @@ def windows_of(motion, limit, rhythm=0.0, events=()):
 
     found = next((some for some in map(cut, LEVELS) if len(some) <= limit), None)
     found = _thinned(cut(LEVELS[-1]), motion, limit) if found is None else found
-    ends = [float(motion.t[0]), *sorted(events), float(motion.t[-1])]
+    ends = [*sorted(events), float(motion.t[-1])]
     for a, b in zip(ends[:-1], ends[1:], strict=True) if 0 < len(events) < MANY else ():
         if sum(a < w.start and w.stop < b for w in found) < ENOUGH:
             finer = _between(motion, phases, a + SETTLED, b - SETTLED, longest)
