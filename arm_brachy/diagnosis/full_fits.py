@@ -4,6 +4,7 @@ Test: diagnosis/test_full_fits.py
 """
 
 import numpy as np
+from scipy.stats import chi2
 
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
@@ -57,12 +58,15 @@ class FullFits:
         """True if a cause of it may be nothing at all once its numbers are fitted in full.
 
         What one number of its own, or of the model, explains as well has then no size left.
+        Of several numbers each may be nothing where all of them cannot.
         """
         found = self.of(candidate)
         return found.refit is not None and any(
             all(_may_be_nothing(strength, estimates[strength.name])
                 for strength in hypothesis.strengths)
-            for hypothesis, estimates in zip(found.hypotheses, found.estimates, strict=True))
+            and not _are_something(found.refit, number, hypothesis.strengths)
+            for number, (hypothesis, estimates) in enumerate(
+                zip(found.hypotheses, found.estimates, strict=True)))
 
     def _fitted(self, candidate):
         """The Scan of what the full fit leaves at its states."""
@@ -118,3 +122,24 @@ def _may_be_nothing(strength, estimate):
     if strength.component is not None:
         low, high = low[strength.component], high[strength.component]
     return low <= strength.neutral <= high
+
+
+def _are_something(refit, number, strengths):
+    """True if Strengths of a hypothesis of a refit.Refit cannot all have no effect (90 %).
+
+    Where they have none its place does nothing either: it makes up for none of them.
+    """
+    if len(strengths) == 1 or not np.all(np.isfinite([one.neutral for one in strengths])):
+        return False
+    mine = np.flatnonzero(refit.space.owner == number)
+    precision = np.linalg.inv(refit.covariance[np.ix_(mine, mine)])
+    away = np.zeros(len(refit.z))
+    for one in strengths:
+        chart, part = next((chart, part) for chart, part in zip(
+            refit.space.charts, refit.space.slices, strict=True)
+            if (chart.number, chart.field) == (number, one.name))
+        k, z = one.component or 0, refit.z[part]
+        h = np.eye(len(z))[k] * chart.step[k]
+        now, before, after = (np.atleast_1d(chart.value(at))[k] for at in (z, z - h, z + h))
+        away[part.start + k] = (now - one.neutral) * 2.0 * chart.step[k] / (after - before)
+    return bool(away[mine] @ precision @ away[mine] > chi2.ppf(0.9, len(strengths)))

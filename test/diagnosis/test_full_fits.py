@@ -6,13 +6,34 @@ import numpy as np
 import pytest
 
 from arm_brachy.diagnosis.cause import Estimate
+from arm_brachy.diagnosis.freedom import HALF
 from arm_brachy.diagnosis.full_fits import AS_GOOD, FullFits
 from arm_brachy.diagnosis.laplace import Gain
 
 
-def gone(*causes, refit=True):
+def numbers_of(causes, correlation):
+    """A refit of these causes' numbers, each a coordinate; correlation of the first two."""
+    charts, z, sd = [], [], []
+    for number, cause in enumerate(causes):
+        for i, (_, component, estimate) in enumerate(cause):
+            charts.append(SimpleNamespace(number=number, field=f'number_{i}',
+                                          step=np.array([0.02]), value=lambda z: z[0]))
+            value, low, high = (v if component is None else v[component] for v in
+                                (estimate.value, estimate.low, estimate.high))
+            z.append(value)
+            sd.append((high - low) / (2.0 * HALF))
+    covariance = np.diag(np.square(sd))
+    if correlation:
+        covariance[0, 1] = covariance[1, 0] = correlation * sd[0] * sd[1]
+    space = SimpleNamespace(charts=charts, slices=[slice(i, i + 1) for i in range(len(z))],
+                            owner=np.array([chart.number for chart in charts]))
+    return SimpleNamespace(space=space, z=np.array(z), covariance=covariance)
+
+
+def gone(*causes, refit=True, correlation=0.0):
     """FullFits.gone where a fit found causes, a list of (neutral, component, Estimate) each."""
-    found = SimpleNamespace(refit=refit or None, hypotheses=[], estimates=[])
+    found = SimpleNamespace(hypotheses=[], estimates=[],
+                            refit=numbers_of(causes, correlation) if refit else None)
     for cause in causes:
         names = [f'number_{i}' for i in range(len(cause))]
         found.hypotheses.append(SimpleNamespace(strengths=[
@@ -48,6 +69,13 @@ def test_one_number_that_is_something_keeps_a_cause_and_any_cause_gone_undoes_al
                           (0.0, None, Estimate(2.0, 1.0, 3.0)))
     assert not gone([nothing, something])
     assert gone([something], [nothing])
+
+
+def test_numbers_of_which_each_may_be_nothing_are_something_where_their_sum_is():
+    """Nine numbers of a field's distortion, each 0 +- 2 by itself, were worth 175 nats."""
+    each = (0.0, None, Estimate(1.0, -0.5, 2.5))
+    assert gone([each, each]) and gone([each, each], correlation=0.9)
+    assert not gone([each, each], correlation=-0.95)
 
 
 def test_what_could_not_be_fitted_in_full_is_not_gone():
