@@ -36,6 +36,7 @@ from arm_brachy.tissue.terms.inclusion import Inclusion
 from arm_brachy.tissue.terms.obstacle import Obstacle
 from arm_brachy.tissue.terms.pad_misplacement import PadMisplacement
 from arm_brachy.tissue.terms.pad_slip import PadSlip
+from arm_brachy.tissue.terms.point_mass import PointMass
 from arm_brachy.tissue.terms.reference_shape import ReferenceShape
 from arm_brachy.tissue.terms.skin_layer import SkinLayer
 from arm_brachy.tissue.terms.stiffness_drift import StiffnessDrift
@@ -53,7 +54,7 @@ TERMS = (
     PadMisplacement, ReferenceShape,
     StiffnessScale, Compressibility, StiffnessGradient, SkinLayer, Inclusion,
     StrainStiffening, Anisotropy,
-    Gravity, Damping,
+    Gravity, PointMass, Damping,
     # Memory: what softens or drifts, does so together with what is remembered.
     Viscoelasticity, StressSoftening, StiffnessDrift, SwellingDrift,
     # A skin ends at the fixed base, so supports give way after it; glue that is left then yields.

@@ -78,7 +78,8 @@ def place_of(cause, alike):
 
 
 def _surface(term):
-    return {'base_debond': 'base', 'external_force': 'surface'}.get(term, '')
+    return {'base_debond': 'base', 'external_force': 'surface',
+            'point_mass': 'surface'}.get(term, '')
 
 
 def explained(problem, columns):

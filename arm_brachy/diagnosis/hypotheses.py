@@ -14,6 +14,7 @@ from arm_brachy.tissue.assembly import InvertedElement
 HIDDEN = (Stage.SETPOINT, Stage.ENCODER)    # before or at the encoders, which drive the model
 RECALIBRATED = ('stiffness_scale',)         # no physics that is missing: the scene's own modulus
 INERTIAL = ('damping',)                     # nothing without inertia
+HEAVY = ('point_mass',)                     # nothing without gravity
 LOOSENING = ('pad_slip',)   # condensed; beside terms with memory minutes of runs with contact
 
 
@@ -31,10 +32,10 @@ class Tried:
     left_out: dict = field(default_factory=dict)
 
 
-def triable(cls, remembers=False):
+def triable(cls, remembers=False, heavy=True):
     """'' if a term class can be tried at all, else why not.
 
-    remembers : True beside terms with memory
+    remembers : True beside terms with memory;  heavy : False where nothing has weight
     """
     name = cls.spec.name
     if cls.spec.stage in HIDDEN:
@@ -43,6 +44,8 @@ def triable(cls, remembers=False):
         return 'is recalibrated, not missing'
     if name in LOOSENING and remembers:
         return 'asks for full runs beside terms with memory'
+    if name in HEAVY and not heavy:
+        return 'has no effect at rest without gravity'
     return 'has no effect without inertia' if name in INERTIAL else ''
 
 
@@ -57,8 +60,9 @@ def try_all(matched, occasions=None, progress=None):
     occasions = occasions or Occasions()
     specimen, left_out, found, answers = matched[0].baseline.model.specimen, {}, [], []
     remembers = any(m.baseline.model.remembers or m.baseline.model.timed for m in matched)
-    left_out |= {cls.spec.name: triable(cls, remembers) for cls in TERMS
-                 if triable(cls, remembers)}
+    heavy = any(np.any(m.baseline.model.body.gravity) for m in matched)
+    whys = {cls.spec.name: triable(cls, remembers, heavy) for cls in TERMS}
+    left_out |= {name: why for name, why in whys.items() if why}
     listed = [cls for cls in TERMS if cls.spec.name not in left_out]
     for done, cls in enumerate(listed):
         if progress:

@@ -9,8 +9,8 @@ from arm_brachy.diagnosis.statements import Place
 
 SHARE = 0.9
 BOUNDARIES = {'base_debond': 'base', 'base_compliance': 'base', 'breathing': 'base',
-              'obstacle': 'surface', 'external_force': 'surface', 'reference_shape': 'surface',
-              'skin_layer': 'surface'}
+              'obstacle': 'surface', 'external_force': 'surface', 'point_mass': 'surface',
+              'reference_shape': 'surface', 'skin_layer': 'surface'}
 CENTRES = ('centre', 'bump_centre')
 
 

@@ -7,8 +7,10 @@ that no laboratory calibrates away, each drawn uniformly within `Nuisance`.
 
 What is the same for several recordings is run once. Sixty nulls are twelve plant runs, with five
 draws of noise, registration, zeros and clocks each. Sensing terms are planted on the same runs, as
-they change nothing but what is seen; damping has no effect on a quasi-static body and stands for
-two more nulls. All other terms have a run of their own at either size: 62 runs, 126 recordings.
+they change nothing but what is seen; damping has no effect on a quasi-static body, a point mass
+none without gravity: they stand for four more nulls. All other terms have a run of their own at
+either size: 62 runs, 128 recordings. What joined the registry later comes last: a case keeps its
+number and its draws.
 """
 
 from dataclasses import dataclass
@@ -21,7 +23,7 @@ from arm_brachy.core.quantity import quantity
 from arm_brachy.core.random import stream
 from arm_brachy.core.term import Kind
 from arm_brachy.diagnosis.hypothesis import hypothesis
-from arm_brachy.registry import TERMS
+from arm_brachy.registry import TERMS, by_name
 from arm_brachy.scenario import load_cell
 from arm_brachy.tissue.mesh import boundary_faces, load_mesh
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
@@ -29,6 +31,8 @@ from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 SEED = 20260418
 SCENARIO = config_dir() / 'scenarios' / 'probe_rich.yaml'
 SCENE = config_dir() / 'scenes' / 'breast.yaml'             # the model
+INERT_HERE = ('damping', 'point_mass')     # no inertia, no gravity
+LATER = ('point_mass',)                 # terms, whose cases come after the last null
 SIZES = (1.0, 0.1)                      # of what the registry calls typical
 NULLS, NULL_PLANTS, FIRST = 60, 12, 6   # draws, plant runs shared by them, nulls made first
 TOGETHER = {'base_compliance': ('normal', 'tangential')}   # else the first strength alone
@@ -90,12 +94,21 @@ class Case:
 
 
 def plan(seed=SEED):
-    """Return every Case, in the order in which they are made: some nulls, terms, other nulls."""
+    """Return every Case, in the order of making: some nulls, terms, other nulls, `LATER`."""
     nulls = [_plant(seed, f'null_{i:02d}') for i in range(NULL_PLANTS)]
     draws = [(nulls[i % NULL_PLANTS], None) for i in range(NULLS)]
+    first = _faults(seed, nulls, [cls for cls in TERMS if cls.spec.name not in LATER])
+    later = _faults(seed, nulls, [by_name(name) for name in LATER])
+    ordered = [*draws[:FIRST], *first, *draws[FIRST:], *later]
+    return tuple(Case(f'case_{i:03d}', int(stream(seed, f'case/{i}').integers(2**31)), *pair)
+                 for i, pair in enumerate(ordered))
+
+
+def _faults(seed, nulls, classes):
+    """(Plant, Planted) of every class at every size; what shares `nulls` takes them in turn."""
     faults, shared = [], 0
     for size in SIZES:
-        for cls in TERMS:
+        for cls in classes:
             label = f'{cls.spec.name}_{"typical" if size == 1.0 else "tenth"}'
             one = planted(cls, size, stream(seed, f'place/{label}'))
             if on_null(cls):
@@ -103,14 +116,12 @@ def plan(seed=SEED):
                 shared += 1
             else:
                 faults.append((_plant(seed, label, one), one))
-    ordered = [*draws[:FIRST], *faults, *draws[FIRST:]]
-    return tuple(Case(f'case_{i:03d}', int(stream(seed, f'case/{i}').integers(2**31)), *pair)
-                 for i, pair in enumerate(ordered))
+    return faults
 
 
 def on_null(cls):
     """True for a term class that the plant's motion does not depend on."""
-    return cls.spec.kind is Kind.SENSING or cls.spec.name == 'damping'
+    return cls.spec.kind is Kind.SENSING or cls.spec.name in INERT_HERE
 
 
 def _plant(seed, name, one=None):
@@ -197,7 +208,7 @@ PLACES = {
     'actuator_gain': _actuator, 'backlash': _actuator, 'actuator_compliance': _actuator,
     'lost_steps': lambda rng: {**_actuator(rng), **_onset(rng)},
     'inclusion': _inside, 'base_debond': _on_base, 'anisotropy': _fibres,
-    'obstacle': lambda rng: _free(rng, 35.0 * MM),
+    'obstacle': lambda rng: _free(rng, 35.0 * MM), 'point_mass': lambda rng: _free(rng, 30.0 * MM),
     'external_force': lambda rng: {**_free(rng, 30.0 * MM), **_onset(rng)},
     'breathing': lambda rng: {'phase': rng.uniform(-180, 180) * DEG},
     'marker_slip': _marker,

@@ -19,7 +19,7 @@ from arm_brachy.experiments.diagnosis_plan import SCENE
 from arm_brachy.registry import by_name
 
 MESH = 'discretisation'
-INERT = ('damping', 'actuator_lag')     # see the head
+INERT = ('damping', 'actuator_lag', 'point_mass')     # see the head
 RECALIBRATED = 'stiffness_scale'
 TOLERANCE = 0.2                 # of a parameter, and of the held-out error over an oracle's
 NEAR, SOON = 10e-3, 0.5         # m, s: a right place (half a pad) and a right onset

@@ -35,6 +35,7 @@ every_term = pytest.mark.parametrize('cls', registry.TERMS, ids=lambda c: c.spec
 PLACES = {'inclusion': {'centre': (0.015, 0.015, 0.015)},
           'reference_shape': {'bump_centre': (0.0, 0.015, 0.015)},
           'external_force': {'centre': (0.0, 0.015, 0.015)},
+          'point_mass': {'centre': (0.0, 0.015, 0.015)},
           'base_debond': {'centre': (0.015, 0.015, 0.0)},
           'obstacle': {'centre': (0.0, 0.015, 0.015)}}
 

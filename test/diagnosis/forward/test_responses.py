@@ -40,7 +40,7 @@ PLACES = {
     'breathing': {'frequency': 0.25, 'phase': 0.3},
 }
 CONTACT = {'base_compliance', 'base_debond', 'obstacle', 'pad_slip'}
-SILENT = {'damping', 'actuator_lag'}    # no inertia here; before the encoders
+SILENT = {'damping', 'point_mass', 'actuator_lag'}  # no inertia, no gravity here; before encoders
 FORWARD = [t for t in TERMS if t.spec.name not in CONTACT | SILENT]
 
 

@@ -26,7 +26,7 @@ def test_nothing_but_what_moves_the_body_has_a_plant_of_its_own():
     for case in FAULTS:
         own = case.plant.planted is case.planted
         assert own != (case.planted.term.spec.kind.value == 'sensing'
-                       or case.planted.term.spec.name == 'damping'), case.name
+                       or case.planted.term.spec.name in ('damping', 'point_mass')), case.name
         assert own or case.plant.planted is None
 
 
@@ -60,7 +60,7 @@ def test_places_are_seen_by_the_protocol(named):
     for size in (1.0, 0.1):
         lump = np.array(named('inclusion', size).planted.term.centre)
         assert lump[2] >= 20 * MM and depth(lump) > 8 * MM
-        for name, clear in (('obstacle', 35), ('external_force', 30)):
+        for name, clear in (('obstacle', 35), ('external_force', 30), ('point_mass', 30)):
             centre = np.array(named(name, size).planted.term.centre)
             assert depth(centre) < 0.01 * MM
             assert np.linalg.norm(pads - centre, axis=1).min() > clear * MM

@@ -43,7 +43,7 @@ def test_a_class_counts_if_it_says_so_and_theory_does(judged):
 
 
 def test_nulls_and_what_does_nothing_want_silence(judged):
-    for name in (None, 'damping', 'actuator_lag'):
+    for name in (None, 'damping', 'actuator_lag', 'point_mass'):
         assert judged(name, 'nothing_missing')['outcome'] == 'silent'
         assert judged(name, 'named', Cause('gravity'))['outcome'] == 'wrong'
         assert judged(name, 'unexplained')['outcome'] == 'abstained'
