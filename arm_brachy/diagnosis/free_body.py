@@ -1,7 +1,7 @@
 """Diagnosis of bodies without pads: held, let go, ringing, settling. Statics and modes, no steps.
 
     recording -> Release -> Case \\
-    scene     -> FreeModel       -> FreeStudy -> decide.Judge -> FreeParts
+    scene     -> FreeModel       -> FreeStudy -> FreeFullFits, decide.Judge -> FreeParts
 
 Of a released body everything measured in metres and seconds depends on modulus over density and
 on gravity alone: E is known only as well as the density, and gravity is taken as known. A modulus
@@ -16,15 +16,18 @@ import numpy as np
 from arm_brachy.core.errors import InputError, NotConverged, RecordingError
 from arm_brachy.diagnosis import free_statements as said
 from arm_brachy.diagnosis import free_trace as trace
+from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.checks import OUT_OF_SCALE
-from arm_brachy.diagnosis.decide import Judge
+from arm_brachy.diagnosis.decide import Judge, Rules
 from arm_brachy.diagnosis.free_findings import base_marker_findings
 from arm_brachy.diagnosis.free_fit import refit
+from arm_brachy.diagnosis.free_full import FreeFullFits
 from arm_brachy.diagnosis.free_hypotheses import free_hypotheses
 from arm_brachy.diagnosis.free_look import Look
 from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
 from arm_brachy.diagnosis.free_study import FreeStudy
 from arm_brachy.diagnosis.free_table import SETTLED, FreePriors
+from arm_brachy.diagnosis.free_weights import with_weights
 from arm_brachy.diagnosis.inference import posterior
 from arm_brachy.diagnosis.modulus import scaled
 from arm_brachy.diagnosis.prepared import prepare
@@ -102,11 +105,14 @@ def free_diagnosis_parts(evidences, scene=None, held_out=(), progress=None, rng=
                                  drifts_restart or len(looks) < 2)
     answers = study.answers(frees, progress)
     problem, absurd = _possible(study, answers)
-    dropped = (*dropped, *absurd)
-    decision = Judge(problem, rng).decide()
+    if scan(problem.U, problem.r, problem.tests, rng).chance < Rules().alarm:
+        answers = with_weights(study, problem, answers)
+        problem, absurd = _possible(study, answers)
+    full = FreeFullFits(study, problem, answers, rng)
+    decision = Judge(problem, rng, check=full.left, gone=full.gone, weigh=full.weigh).decide()
     plain = refit(study, problem)
-    return _parts(study, problem, decision, answers, plain, dropped, fitted, tested, given,
-                  specimens)
+    return _parts(study, problem, decision, answers, plain, (*dropped, *absurd), fitted, tested,
+                  given, specimens, full)
 
 
 def _at_its_modulus(looks, given, priors):
@@ -125,7 +131,7 @@ def _at_its_modulus(looks, given, priors):
     if all(scenes[name] is one.scene for name, one in given.items()):
         return study, given
     specimens = {name: free_specimen(scene) for name, scene in scenes.items()}
-    return _study(looks, specimens, priors), specimens
+    return _study(looks, specimens, priors, -np.log(ratio) / priors.modulus), specimens
 
 
 def _refuse_other_size(study):
@@ -141,10 +147,10 @@ def _refuse_other_size(study):
                 'gravity, loads and modulus of the scene it was made with')
 
 
-def _study(looks, specimens, priors):
+def _study(looks, specimens, priors, given=0.0):
     mine = {look.scene.name: specimens[look.scene.name] for look in looks}
     return FreeStudy([look.case(mine[look.scene.name], priors) for look in looks], mine, priors,
-                     max(look.placement for look in looks))
+                     max(look.placement for look in looks), given=given)
 
 
 def _considered(specimen, drifts):
@@ -175,9 +181,9 @@ def _alone(problem, answer):
     return posterior(U, problem.r).mean[:answer.columns.shape[1]] * answer.free.prior
 
 
-def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, given, specimens):
-    by_key = {a.free.key: a for a in answers}
-    fits = _fits(study, problem, decision, by_key)
+def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, given, specimens,
+           full):
+    fits = _fits(decision, full)
     causes, where = _causes(problem, decision, answers, fits)
     gain, named = problem.r ** 2, fits[0] if fits else None
     if decision.accepted is not None:
@@ -202,18 +208,10 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
         _table(study, plain, named))
 
 
-def _fits(study, problem, decision, by_key):
-    """FreeFits of the accepted cause and of those equal to it, in this order."""
-    out = []
-    for one in (decision.accepted, *decision.equals) if decision.accepted else ():
-        frees = [by_key[e.cause, e.variant].free for e in one.explanations]
-        try:
-            out.append(refit(study, problem, frees, one.mean))
-        except NotConverged:
-            if not out:
-                raise
-            out.append(None)
-    return out
+def _fits(decision, full):
+    """FreeFits of the accepted cause and of those equal to it, None where one has none."""
+    options = (decision.accepted, *decision.equals) if decision.accepted else ()
+    return [full.fit(one) for one in options]
 
 
 def _causes(problem, decision, answers, fits):

@@ -13,7 +13,7 @@ from arm_brachy.diagnosis.cause import Estimate
 from arm_brachy.tissue.assembly import InvertedElement
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 
-STEPS = 5           # Gauss and Newton's, of which three do as a rule
+STEPS = 12          # Gauss and Newton's, of which three do as a rule
 SMALL = 0.02        # prior standard deviations over which slopes are taken again
 DONE = 0.02         # of a posterior standard deviation: no step is worth taking
 HALVINGS = 6
@@ -27,6 +27,7 @@ class FreeFit:
 
     mean, sd : (p + 1,);  terms : that say it, stiffness_scale last
     residual : (n,) over the errors, nuisances not taken out;  frees : free_hypotheses.Free each
+    slopes : (n, p + 1) by which the residual falls with each;  cost : at the end
     """
 
     frees: tuple
@@ -35,6 +36,8 @@ class FreeFit:
     terms: tuple
     residual: np.ndarray
     modulus: float
+    slopes: np.ndarray
+    cost: float
 
     def stiffness(self, E):
         """Estimate [Pa] of Young's modulus where the scene has E."""
@@ -69,10 +72,11 @@ def _within(free, amplitudes):
     return 0.0 * amplitudes
 
 
-def refit(study, problem, frees=(), start=()):
+def refit(study, problem, frees=(), start=(), modulus=0.0):
     """Return the FreeFit of frees and modulus to the study.
 
     problem : decide.Problem of the study;  start : (p,) prior standard deviations
+    modulus : to start from, its logarithm in prior standard deviations from the study's
     Least squares in the covariance of noise and nuisances. Raises NotConverged if not even the
     start has an equilibrium.
     """
@@ -82,11 +86,12 @@ def refit(study, problem, frees=(), start=()):
     def inverse(v):
         return v - U @ cho_solve(factor, U.T @ v)
 
-    p = np.append(np.asarray(start, dtype=float), 0.0)
+    p = np.append(np.asarray(start, dtype=float), modulus)
     prior = np.append(np.full(len(p) - 1, WIDE ** -2), 1.0)
+    middle = np.append(np.zeros(len(p) - 1), study.given)
 
     def cost(r, p):
-        return r @ inverse(r) + p @ (prior * p)
+        return r @ inverse(r) + (p - middle) @ (prior * (p - middle))
 
     p, r = _first(study, frees, p)
     for _ in range(STEPS):
@@ -94,11 +99,12 @@ def refit(study, problem, frees=(), start=()):
         weighted = inverse(J)
         covariance = np.linalg.inv(J.T @ weighted + np.diag(prior))
         sd = np.sqrt(np.diag(covariance))
-        step = covariance @ (weighted.T @ r - prior * p)
+        step = covariance @ (weighted.T @ r - prior * (p - middle))
         p, r, went = _advance(study, frees, p, r, step, cost)
         if np.all(np.abs(went) <= DONE * sd):
             break
-    return FreeFit(tuple(frees), p, sd, _terms(study, frees, p), r, study.priors.modulus)
+    return FreeFit(tuple(frees), p, sd, _terms(study, frees, p), r, study.priors.modulus, J,
+                   float(cost(r, p)))
 
 
 def _terms(study, frees, p):

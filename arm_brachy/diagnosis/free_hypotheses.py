@@ -28,6 +28,7 @@ from arm_brachy.tissue.terms.damping import Damping
 from arm_brachy.tissue.terms.external_force import ExternalForce
 from arm_brachy.tissue.terms.gravity import Gravity
 from arm_brachy.tissue.terms.inclusion import Inclusion
+from arm_brachy.tissue.terms.point_mass import PointMass
 from arm_brachy.tissue.terms.reference_shape import ReferenceShape
 from arm_brachy.tissue.terms.skin_layer import SkinLayer
 from arm_brachy.tissue.terms.stiffness_drift import StiffnessDrift
@@ -37,7 +38,7 @@ from arm_brachy.tissue.terms.stress_softening import StressSoftening
 from arm_brachy.tissue.terms.swelling_drift import SwellingDrift
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
-INSIDE, OUTSIDE = 20, 8     # places of an inclusion, of a force
+INSIDE, OUTSIDE = 20, 8     # places of an inclusion, of a force or a weight
 # s: from what only damps to what only creeps, so near that a branch between two is either
 TIMES = (0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.1, 2.0, 4.0, 8.0)
 STEP = 0.1          # of the typical size, over which differences are taken
@@ -64,7 +65,6 @@ class Free:
         """(term, variant): the same for the same place in every specimen of one body."""
         place = self.hypothesis.place
         return self.hypothesis.name, ', '.join(f'{k} {_said(v)}' for k, v in place.items())
-
 
     def allows(self, amplitudes):
         """True if every parameter (SI) lies within the bounds of its declaration."""
@@ -106,6 +106,7 @@ def free_hypotheses(specimen):
             for e in SOFTENING_ENERGIES]
     out += [_free(hypothesis(Inclusion, **dict([place]))) for place in places]
     out += [_free(hypothesis(ExternalForce, duration=LONG, **dict([place]))) for place in outside]
+    out += _hanging(specimen, outside)
     out += [_loose(specimen, place) for place in under]
     if under:
         out.append(_yielding(specimen))
@@ -143,6 +144,12 @@ def _gravity(specimen):
     across = tuple(s for s in full.strengths if size < WEIGHT
                    or abs(g[s.component]) < 0.5 * size)
     return _free(Hypothesis(Gravity, {}, across))
+
+
+def _hanging(specimen, outside):
+    """Another weight where the scene has one, else one somewhere outside."""
+    loads = [('centre', tuple(load.position)) for load in specimen.scene.loads]
+    return [_free(hypothesis(PointMass, **dict([place]))) for place in loads or outside]
 
 
 def _loose(specimen, place):

@@ -25,10 +25,15 @@ LIFT = 0.05     # logarithm of the modulus over which its effect is taken
 
 @dataclass(frozen=True)
 class Answer:
-    """How all rows answer to a Free: columns (n, p) per prior standard deviation."""
+    """How all rows answer to a Free.
+
+    columns : (n, p) per prior standard deviation
+    fit : free_fit.FreeFit through which the columns lead, None = they are those of small effects
+    """
 
     free: object
     columns: np.ndarray
+    fit: object = None
 
 
 class FreeStudy:
@@ -37,12 +42,14 @@ class FreeStudy:
     cases : free_table.Case each;  specimens : name of scene -> Specimen
     terms : of the models, any stage;  priors : free_table.FreePriors
     placement : [m] of markers in the tissue, standard deviation per axis
+    given : modulus that was expected, its logarithm in prior standard deviations from that of the
+        specimens, which may be scaled to what the recordings ask for
     Raises NotConverged where a model has no equilibrium.
     """
 
-    def __init__(self, cases, specimens, priors, placement, terms=()):
+    def __init__(self, cases, specimens, priors, placement, terms=(), given=0.0):
         self.cases, self.specimens, self.terms = tuple(cases), specimens, tuple(terms)
-        self.priors, self._placement = priors, placement
+        self.priors, self._placement, self.given = priors, placement, given
         self.times = {name: np.unique(np.concatenate([
             c.release.times for c in self.cases if c.scene == name])) for name in specimens}
         self.values = np.concatenate([case.values for case in self.cases])
@@ -128,11 +135,13 @@ class FreeStudy:
         """Return the decide.Problem with an Explanation for each Answer.
 
         mesh : False where its error, which takes a better mesh to know, does not matter
+        The residual is that of the modulus expected, as far as the tangent says.
         """
         U = np.hstack([self.nuisances(mesh), self.modulus()])
+        r = self.residual() - U[:, -1] * self.given
         kinds = np.array([f'{row.scene} {kind_of(row)}' for row in self.rows])
         seen = np.array([row.kind != BASE for row in self.rows])
-        return Problem(self.residual(), U, kinds, np.eye(len(self.rows))[:, seen],
+        return Problem(r, U, kinds, np.eye(len(self.rows))[:, seen],
                        tuple(Explanation(*a.free.key, a.columns) for a in answers),
                        np.full(len(self.rows), -1))
 

@@ -1,0 +1,86 @@
+"""What a decide.Judge asks full fits of released bodies: what a cause is worth, what it leaves.
+
+Responses are taken at one modulus and for small effects; where a cause has to be large, it is the
+full solutions at its best numbers that must leave nothing, or it explains nothing.
+Test: diagnosis/test_free_body.py
+"""
+
+import numpy as np
+
+from arm_brachy.core.errors import NotConverged
+from arm_brachy.diagnosis.adequacy import Scan, scan
+from arm_brachy.diagnosis.free_fit import refit
+from arm_brachy.diagnosis.inference import log_density, posterior
+from arm_brachy.diagnosis.laplace import Gain
+
+
+class FreeFullFits:
+    """Full fits of decide.Candidates, each made once.
+
+    study : free_study.FreeStudy;  problem : decide.Problem;  answers : free_study.Answer each
+    rng : numpy.random.Generator for the structured tests
+    """
+
+    def __init__(self, study, problem, answers, rng):
+        self._study, self._problem, self._rng = study, problem, rng
+        self._answers = {a.free.key: a for a in answers}
+        self._known = {}
+
+    def fit(self, candidate):
+        """Return the free_fit.FreeFit of a Candidate; None if it finds no equilibrium."""
+        keys = tuple((e.cause, e.variant) for e in candidate.explanations)
+        if keys not in self._known:
+            self._known[keys] = self._made([self._answers[key] for key in keys], candidate.mean)
+        return self._known[keys]
+
+    def weigh(self, candidate):
+        """Return the laplace.Gain of the full fit over the responses; None where there is none."""
+        fit = self.fit(candidate)
+        if fit is None:
+            return None
+        X = np.hstack([self._problem.U, *(e.columns for e in candidate.explanations)])
+        U, r = self._about(fit)
+        return Gain(log_density(U, r) - log_density(X, self._problem.r),
+                    0.5 * _least(X, self._problem.r) - 0.5 * _least(U, r))
+
+    def left(self, candidate):
+        """Return the adequacy.Scan of what the full fit leaves; where there is none, all."""
+        fit = self.fit(candidate)
+        if fit is None:
+            return Scan(np.zeros(self._problem.tests.shape[1]), 0, 0.0)
+        return scan(*self._about(fit), self._problem.tests, self._rng)
+
+    def gone(self, candidate):
+        """Return True for a Candidate that has no full fit: no body is as it would have it."""
+        return self.fit(candidate) is None
+
+    def _about(self, fit):
+        """(U, r) of the problem made linear at a FreeFit: r is what would be left of nothing."""
+        U = np.hstack([self._problem.U[:, :-1], fit.slopes])
+        away = fit.mean - np.append(np.zeros(len(fit.mean) - 1), self._study.given)
+        return U, fit.residual + fit.slopes @ away
+
+    def _made(self, answers, mean):
+        try:
+            return refit(self._study, self._problem, [a.free for a in answers],
+                         *_start(answers, mean))
+        except NotConverged:
+            return None
+
+
+def _start(answers, mean):
+    """(parameters, modulus) to start from: of what was fitted alone as it was found there."""
+    start, first, modulus = [], 0, 0.0
+    for answer in answers:
+        k = len(answer.free.prior)
+        known = answer.fit is not None
+        start += (answer.fit.mean[:-1] if known else mean[first:first + k]).tolist()
+        modulus = answer.fit.mean[-1] if known else modulus
+        first += k
+    return start, modulus
+
+
+def _least(U, r):
+    """Squares of the data and of the coefficients of U (n, k) at their best."""
+    z = posterior(U, r).mean
+    return float(np.sum((r - U @ z) ** 2) + z @ z)
