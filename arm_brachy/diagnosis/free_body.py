@@ -19,6 +19,7 @@ from arm_brachy.diagnosis import free_trace as trace
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.checks import OUT_OF_SCALE
 from arm_brachy.diagnosis.decide import Judge, Rules
+from arm_brachy.diagnosis.free_doors import stood_back, told_apart
 from arm_brachy.diagnosis.free_findings import base_marker_findings
 from arm_brachy.diagnosis.free_fit import refit
 from arm_brachy.diagnosis.free_full import FreeFullFits
@@ -183,6 +184,8 @@ def _alone(problem, answer):
 
 def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, given, specimens,
            full):
+    decision = stood_back(told_apart(decision, full), lambda one: _held_out(
+        plain, full.fit(one), fitted, tested, given, specimens))
     fits = _fits(decision, full)
     causes, where = _causes(problem, decision, answers, fits)
     gain, named = problem.r ** 2, fits[0] if fits else None

@@ -43,6 +43,11 @@ class FreeFullFits:
         return Gain(log_density(U, r) - log_density(X, self._problem.r),
                     0.5 * _least(X, self._problem.r) - 0.5 * _least(U, r))
 
+    def lead(self, candidate, other):
+        """By how much the data and the numbers of a Candidate are likelier than another's."""
+        least = [_least(*self._about(self.fit(one))) for one in (candidate, other)]
+        return 0.5 * (least[1] - least[0])
+
     def left(self, candidate):
         """Return the adequacy.Scan of what the full fit leaves; where there is none, all."""
         fit = self.fit(candidate)

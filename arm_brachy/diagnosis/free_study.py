@@ -135,13 +135,15 @@ class FreeStudy:
         """Return the decide.Problem with an Explanation for each Answer.
 
         mesh : False where its error, which takes a better mesh to know, does not matter
-        The residual is that of the modulus expected, as far as the tangent says.
+        The residual is that of the modulus expected, as far as the tangent says. Looked for is
+        what is left in single rows, and in all rows together the way that any cause moves them.
         """
         U = np.hstack([self.nuisances(mesh), self.modulus()])
         r = self.residual() - U[:, -1] * self.given
         kinds = np.array([f'{row.scene} {kind_of(row)}' for row in self.rows])
         seen = np.array([row.kind != BASE for row in self.rows])
-        return Problem(r, U, kinds, np.eye(len(self.rows))[:, seen],
+        tests = [np.eye(len(self.rows))[:, seen], *(a.columns for a in answers)]
+        return Problem(r, U, kinds, np.hstack(tests),
                        tuple(Explanation(*a.free.key, a.columns) for a in answers),
                        np.full(len(self.rows), -1))
 

@@ -1,0 +1,35 @@
+"""The last doors of a claim about a released body: full fits of its rivals, the motion itself.
+
+Responses take causes for alike that full fits tell apart. Rows that stand for a recording may be explained while the motion is not: by a hand, a frame and a
+modulus each as far off as is barely possible. Then the cause is at best one of several.
+Test: diagnosis/test_free_doors.py
+"""
+
+from dataclasses import replace
+
+from arm_brachy.diagnosis.decide import Rules
+
+MISSED = 20.0   # times the noise floor; own choice: of silicone beams hands leave 3 to 6 times
+
+
+def told_apart(decision, full):
+    """Return a decide.Decision without equals that fit worse in full, by odds of 50.
+
+    full : free_full.FreeFullFits
+    """
+    if not decision.equals:
+        return decision
+    kept = tuple(one for one in decision.equals
+                 if full.lead(decision.accepted, one) < Rules().rival)
+    return replace(decision, equals=kept, verdict='equivalent' if kept else 'named')
+
+
+def stood_back(decision, errors):
+    """Return a decide.Decision that claims nothing that leaves 20 times the noise.
+
+    errors : Candidate -> statements.StreamFit of every recording that it is tested on
+    """
+    one = decision.accepted
+    if one is None or not any(fit.named > MISSED * fit.noise_floor for fit in errors(one)):
+        return decision
+    return replace(decision, verdict='unexplained', accepted=None, equals=(), nearest=one)
