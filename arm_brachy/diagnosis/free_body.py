@@ -36,6 +36,7 @@ from arm_brachy.diagnosis.statements import Alternative, NextExperiment, Place, 
 
 DRIFTS = ('stiffness_drift', 'swelling_drift')
 ABSURD = 'it would need a value that is impossible'
+NOTHING = 'fitted in full, nothing of it is left'
 AFRESH = 'it would have to begin anew with every recording'
 KNOWN = ('Of a released body only modulus over density is seen: E holds if the density of the '
          'scene does. The size of gravity is taken as known, its direction is not.')
@@ -107,8 +108,9 @@ def free_diagnosis_parts(evidences, scene=None, held_out=(), progress=None, rng=
     answers = study.answers(frees, progress)
     problem, absurd = _possible(study, answers)
     if scan(problem.U, problem.r, problem.tests, rng).chance < Rules().alarm:
-        answers = with_weights(study, problem, answers)
+        answers, tried = with_weights(study, problem, answers), answers
         problem, absurd = _possible(study, answers)
+        absurd = (*absurd, *_vanished(tried, answers))
     full = FreeFullFits(study, problem, answers, rng)
     decision = Judge(problem, rng, check=full.left, gone=full.gone, weigh=full.weigh).decide()
     plain = refit(study, problem)
@@ -174,6 +176,12 @@ def _possible(study, answers):
                          if any(a is one for one in kept))
     return (replace(problem, explanations=explanations),
             tuple(Alternative((name,), 0.0, why=ABSURD) for name in lost))
+
+
+def _vanished(before, after):
+    """Alternatives of the terms that have Answers before full fits and none after."""
+    names = [{a.free.hypothesis.name for a in answers} for answers in (before, after)]
+    return tuple(Alternative((name,), 0.0, why=NOTHING) for name in sorted(names[0] - names[1]))
 
 
 def _alone(problem, answer):

@@ -1,7 +1,8 @@
 """The last doors of a claim about a released body: full fits of its rivals, the motion itself.
 
-Responses take causes for alike that full fits tell apart. Rows that stand for a recording may be explained while the motion is not: by a hand, a frame and a
-modulus each as far off as is barely possible. Then the cause is at best one of several.
+Responses take causes for alike that full fits tell apart. Rows that stand for a recording may be
+explained while the motion is not: by a hand, a frame and a modulus each as far off as is barely
+possible. Then the cause is at best one of several.
 Test: diagnosis/test_free_doors.py
 """
 

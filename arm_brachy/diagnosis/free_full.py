@@ -9,7 +9,7 @@ import numpy as np
 
 from arm_brachy.core.errors import NotConverged
 from arm_brachy.diagnosis.adequacy import Scan, scan
-from arm_brachy.diagnosis.free_fit import refit
+from arm_brachy.diagnosis.free_fit import WIDE, refit
 from arm_brachy.diagnosis.inference import log_density, posterior
 from arm_brachy.diagnosis.laplace import Gain
 
@@ -44,24 +44,30 @@ class FreeFullFits:
                     0.5 * _least(X, self._problem.r) - 0.5 * _least(U, r))
 
     def lead(self, candidate, other):
-        """By how much the data and the numbers of a Candidate are likelier than another's."""
-        least = [_least(*self._about(self.fit(one))) for one in (candidate, other)]
-        return 0.5 * (least[1] - least[0])
+        """Return by how much the full fit of a Candidate is likelier than another's."""
+        return 0.5 * (self.fit(other).cost - self.fit(candidate).cost)
 
     def left(self, candidate):
-        """Return the adequacy.Scan of what the full fit leaves; where there is none, all."""
+        """Return the adequacy.Scan of what the full fit leaves; where there is none, all.
+
+        The size of a cause is left to the data, as in its fit.
+        """
         fit = self.fit(candidate)
         if fit is None:
             return Scan(np.zeros(self._problem.tests.shape[1]), 0, 0.0)
-        return scan(*self._about(fit), self._problem.tests, self._rng)
+        return scan(*self._about(fit, WIDE), self._problem.tests, self._rng)
 
     def gone(self, candidate):
         """Return True for a Candidate that has no full fit: no body is as it would have it."""
         return self.fit(candidate) is None
 
-    def _about(self, fit):
-        """(U, r) of the problem made linear at a FreeFit: r is what would be left of nothing."""
-        U = np.hstack([self._problem.U[:, :-1], fit.slopes])
+    def _about(self, fit, wide=1.0):
+        """(U, r) of the problem made linear at a FreeFit: r is what would be left of nothing.
+
+        wide : times the prior of a cause, the modulus keeping its own
+        """
+        spread = np.append(np.full(len(fit.mean) - 1, wide), 1.0)
+        U = np.hstack([self._problem.U[:, :-1], fit.slopes * spread])
         away = fit.mean - np.append(np.zeros(len(fit.mean) - 1), self._study.given)
         return U, fit.residual + fit.slopes @ away
 

@@ -12,16 +12,18 @@ from arm_brachy.core.errors import NotConverged
 from arm_brachy.diagnosis.free_fit import refit
 from arm_brachy.tissue.terms.point_mass import PointMass
 
-LEAST = 0.02    # prior standard deviations of a mass: of less the tangent is as good
+LEAST = 0.02    # prior standard deviations of a mass: less is none
 
 
 def with_weights(study, problem, answers):
-    """Return `answers` with those of point_mass led through their full fits, where there are any.
+    """Return `answers` with those of point_mass led through their full fits.
 
     study : free_study.FreeStudy;  problem : decide.Problem of its;  answers : Answer each
+    A place where no weight fits better than none is left out: its tangent would mislead.
     """
-    return tuple(_through(study, problem, a, _best(study, problem, a.free))
-                 if a.free.hypothesis.cls is PointMass else a for a in answers)
+    led = (_through(study, problem, a) if a.free.hypothesis.cls is PointMass else a
+           for a in answers)
+    return tuple(a for a in led if a is not None)
 
 
 def _best(study, problem, free):
@@ -50,9 +52,13 @@ def _fit(study, problem, free, mass, modulus):
         return None
 
 
-def _through(study, problem, answer, fit):
-    """The Answer whose column leads from nothing to a FreeFit, what the modulus does taken out."""
+def _through(study, problem, answer):
+    """The Answer whose column leads from nothing to its fit, what the modulus does taken out.
+
+    None where nothing hangs in the best fit, or none is found.
+    """
+    fit = _best(study, problem, answer.free)
     if fit is None or abs(fit.mean[0]) < LEAST:
-        return answer
+        return None
     moved = study.residual() - fit.residual - problem.U[:, -1] * fit.mean[-1]
     return replace(answer, columns=moved[:, None] / fit.mean[0], fit=fit)
