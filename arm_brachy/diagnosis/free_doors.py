@@ -16,12 +16,12 @@ MISSED = 20.0   # times the noise floor; own choice: of silicone beams hands lea
 def told_apart(decision, full):
     """Return a decide.Decision without equals that fit worse in full, by odds of 50.
 
-    full : free_full.FreeFullFits
+    full : free_full.FreeFullFits. Equals that were weighed have been told by their full fits.
     """
     if not decision.equals:
         return decision
     kept = tuple(one for one in decision.equals
-                 if full.lead(decision.accepted, one) < Rules().rival)
+                 if one.weighed or full.lead(decision.accepted, one) < Rules().rival)
     return replace(decision, equals=kept, verdict='equivalent' if kept else 'named')
 
 

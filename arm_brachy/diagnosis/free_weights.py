@@ -3,7 +3,7 @@
 A weight of half the body's own bends a beam as far again and halves its frequency: no tangent at
 the modulus that fits without it leads there. Each place is fitted in full, and its column is the
 chord from no weight to there: what is decided by responses is decided on what the weight does.
-Test: diagnosis/test_free_weights.py
+Test: diagnosis/test_free_body.py
 """
 
 from dataclasses import replace

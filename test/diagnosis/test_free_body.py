@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.errors import InputError, RecordingError
-from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, Region, Scene
+from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, PointLoad, Region, Scene
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.free_body import free_diagnosis_parts, is_free
+from arm_brachy.diagnosis.free_doors import MISSED
 from arm_brachy.evaluation.timeseries import OpticalFrames, RunData
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.build import build_body
@@ -23,6 +24,7 @@ from arm_brachy.tissue.mesh import embed, interpolate, quadratic_mesh
 from arm_brachy.tissue.simulator import TissueSimulator
 from arm_brachy.tissue.terms.base_compliance import BaseCompliance
 from arm_brachy.tissue.terms.damping import Damping
+from arm_brachy.tissue.terms.point_mass import PointMass
 from arm_brachy.tissue.terms.stiffness_gradient import StiffnessGradient
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
@@ -149,6 +151,41 @@ def test_what_relaxes_is_named_where_no_drift_restarts(recorded):
     assert parts.fit[0].named < 0.5 * parts.fit[0].recalibrated
     drift = next(a for a in parts.alternatives if a.terms == ('stiffness_drift',))
     assert 'begin anew' in drift.why
+
+
+@pytest.mark.parametrize('stiffness', [0.8, 1.1])
+def test_a_weight_that_the_scene_has_not_is_found(recorded, stiffness):
+    """Half the block's mass at its end: a modulus of a third sags nearly alike.
+
+    It hangs at a place that is tried; 9 mm beside it a force of any direction does better.
+    """
+    weight = PointMass(mass=0.02, centre=(0.08, 0.004, 0.008))
+    parts = free_diagnosis_parts((recorded((weight,), stiffness=stiffness),))
+    assert parts.verdict in ('named', 'equivalent')
+    found = parts.causes[0]
+    assert found.term == 'point_mass' and found.parameters['centre'].value[0] > 0.065
+    mass = found.parameters['mass']
+    assert mass.value == pytest.approx(0.02, rel=0.2) or mass.low < 0.02 < mass.high
+    assert parts.fit[0].named < 0.3 * parts.fit[0].recalibrated
+
+
+def test_a_weight_that_only_the_scene_has_is_taken_away(recorded, scene):
+    """By a fit from all of it gone: a modulus twice as high sags as little."""
+    load = PointLoad('weight', (0.08, 0.012, 0.0), 0.02)
+    evidence = replace(recorded(), scene=replace(scene, loads=(load,)))
+    parts = free_diagnosis_parts((evidence,))
+    assert parts.verdict in ('named', 'equivalent') and parts.causes[0].term == 'point_mass'
+    assert parts.causes[0].parameters['centre'].value == load.position
+    assert parts.causes[0].parameters['mass'].value == pytest.approx(-0.02, rel=0.05)
+
+
+def test_nothing_is_named_that_leaves_twenty_times_the_noise(recorded, scene):
+    """Half of gravity is no cause of the catalogue, and every modulus rings or sags wrongly."""
+    evidence = replace(recorded(), scene=replace(scene, gravity=(0.0, 0.0, -4.9)))
+    parts = free_diagnosis_parts((evidence,))
+    assert all(fit.named <= MISSED * fit.noise_floor for fit in parts.fit
+               if fit.named is not None)
+    assert parts.verdict == 'unexplained' or parts.fit[0].named < 0.2 * parts.fit[0].recalibrated
 
 
 def test_other_bodies_are_refused(scene):

@@ -20,6 +20,14 @@ class Decision:
 
 
 @dataclass(frozen=True)
+class Rival:
+    """What doors look at of a decide.Candidate."""
+
+    name: str
+    weighed: bool = False
+
+
+@dataclass(frozen=True)
 class Full:
     """What full fits say: by how much the first is likelier than each other."""
 
@@ -47,6 +55,8 @@ def test_nothing_is_asked_of_no_claim():
 
 
 def test_a_rival_that_fits_worse_in_full_is_no_equal():
-    given = Decision('equivalent', 'one', ('near', 'far'))
-    assert told_apart(given, Full({'near': 1.0, 'far': 9.0})).equals == ('near',)
-    assert told_apart(given, Full({'near': 5.0, 'far': 9.0})) == Decision('named', 'one')
+    near, far, weighed = Rival('near'), Rival('far'), Rival('weighed', True)
+    given = Decision('equivalent', 'one', (near, far, weighed))
+    assert told_apart(given, Full({near: 1.0, far: 9.0})).equals == (near, weighed)
+    given = Decision('equivalent', 'one', (near, far))
+    assert told_apart(given, Full({near: 5.0, far: 9.0})) == Decision('named', 'one')

@@ -1,5 +1,7 @@
 """Tangent responses of every term against full nonlinear runs of the plant's equations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from arm_brachy.devices.terms.force_gain import ForceGain
 from arm_brachy.devices.terms.optical_scale import OpticalScale
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.forward import ForwardModel
+from arm_brachy.diagnosis.hypotheses import triable
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.interface import interface_change
 from arm_brachy.diagnosis.rates import Rates
@@ -75,6 +78,19 @@ def test_responses_are_those_of_full_runs(baseline, cls):
         expected = difference(baseline, (one.alone(k, amplitude),), amplitude)
         found = {kind: values[..., k] for kind, values in response.values.items()}
         assert error(found, expected) < ACCURACY, one.strengths[k].label
+
+
+def test_a_weight_answers_where_there_is_gravity_and_nowhere_else(quadratic, encoder, baseline):
+    one = hypothesis(by_name('point_mass'), centre=(0.03, 0.03, 0.044))
+    body = replace(quadratic.body, gravity=np.array([0.0, 0.0, -9.81]))
+    heavy = Baseline(ForwardModel(replace(quadratic, body=body)), encoder, STATES)
+    expected = difference(heavy, (one.alone(0, 0.01),), 0.01)
+    found = {kind: values[..., 0] for kind, values in respond(heavy, one).values.items()}
+    assert np.abs(expected['optical']).max() > 1e-5
+    assert error(found, expected) < ACCURACY
+    assert not any(values.any() for values in respond(baseline, one).values.values())
+    assert triable(type(one.alone(0, 1.0))) == ''
+    assert 'gravity' in triable(type(one.alone(0, 1.0)), heavy=False)
 
 
 def test_a_modulus_scales_forces_alone_at_every_depth(linear, encoder):
