@@ -5,7 +5,10 @@ full solutions at its best numbers that must leave nothing, or it explains nothi
 Test: diagnosis/test_free_body.py
 """
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.stats import norm
 
 from arm_brachy.core.errors import NotConverged
 from arm_brachy.diagnosis.adequacy import Scan, scan
@@ -50,12 +53,16 @@ class FreeFullFits:
     def left(self, candidate):
         """Return the adequacy.Scan of what the full fit leaves; where there is none, all.
 
-        The size of a cause is left to the data, as in its fit.
+        The size of a cause is left to the data, as in its fit. How far the modulus has to be from
+        where it was expected counts as well: two independent chances (Fisher 1925, Statistical
+        Methods for Research Workers, sec. 21.1).
         """
         fit = self.fit(candidate)
         if fit is None:
             return Scan(np.zeros(self._problem.tests.shape[1]), 0, 0.0)
-        return scan(*self._about(fit, WIDE), self._problem.tests, self._rng)
+        found = scan(*self._about(fit, WIDE), self._problem.tests, self._rng)
+        modulus = 2.0 * float(norm.sf(abs(fit.mean[-1] - self._study.given)))
+        return replace(found, chance=_both(found.chance, modulus))
 
     def gone(self, candidate):
         """Return True for a Candidate that has no full fit: no body is as it would have it."""
@@ -77,6 +84,12 @@ class FreeFullFits:
                          *_start(answers, mean))
         except NotConverged:
             return None
+
+
+def _both(one, other):
+    """Chance that the product of two independent chances is as small as that of these."""
+    product = one * other
+    return product * (1.0 - float(np.log(product))) if product > 0.0 else 0.0
 
 
 def _start(answers, mean):
