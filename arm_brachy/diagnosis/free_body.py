@@ -4,8 +4,8 @@
     scene     -> FreeModel       -> FreeStudy -> FreeFullFits, decide.Judge -> FreeParts
 
 Of a released body everything measured in metres and seconds depends on modulus over density and
-on gravity alone: E is known only as well as the density, and gravity is taken as known. A modulus
-is therefore recalibrated and never a finding.
+on gravity alone: E is known only as well as the density, and gravity is taken as known where the
+scene has that of the Earth. A modulus is therefore recalibrated and never a finding.
 Test: diagnosis/test_free_body.py
 """
 
@@ -23,7 +23,7 @@ from arm_brachy.diagnosis.free_doors import stood_back, told_apart
 from arm_brachy.diagnosis.free_findings import base_marker_findings
 from arm_brachy.diagnosis.free_fit import refit
 from arm_brachy.diagnosis.free_full import FreeFullFits
-from arm_brachy.diagnosis.free_hypotheses import free_hypotheses
+from arm_brachy.diagnosis.free_hypotheses import EARTH, free_hypotheses
 from arm_brachy.diagnosis.free_look import Look
 from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
 from arm_brachy.diagnosis.free_study import FreeStudy
@@ -39,7 +39,8 @@ ABSURD = 'it would need a value that is impossible'
 NOTHING = 'fitted in full, nothing of it is left'
 AFRESH = 'it would have to begin anew with every recording'
 KNOWN = ('Of a released body only modulus over density is seen: E holds if the density of the '
-         'scene does. The size of gravity is taken as known, its direction is not.')
+         'scene does.')
+DIRECTION = 'The size of gravity is taken as known, its direction is not.'
 OTHER_BODY = ("The modulus that fits is {:.2g} times the scene's: a weight, a density or a length "
               'that is not that of the scene asks for one as well. A weight that hangs on the '
               'body is written in the scene under loads: name, position_mm, mass_g.')
@@ -279,7 +280,8 @@ def _next(decision):
 
 def _notes(fitted, ratio, priors):
     """ratio : modulus that fits over the scene's"""
-    out = [KNOWN]
+    gravity = np.linalg.norm(fitted[0].scene.gravity)
+    out = [KNOWN, *([DIRECTION] if EARTH[0] <= gravity <= EARTH[1] else ())]
     if abs(np.log(ratio)) > priors.modulus:
         out.append(OTHER_BODY.format(ratio))
     if any(look.scene.loads for look in fitted):

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from arm_brachy.diagnosis.decide import Rules
 
-MISSED = 20.0   # times the noise floor; own choice: of silicone beams hands leave 3 to 6 times
+MISSED = 10.0   # times the noise floor; own choice: of silicone beams hands leave 3 to 6 times
 
 
 def told_apart(decision, full):
@@ -26,7 +26,7 @@ def told_apart(decision, full):
 
 
 def stood_back(decision, errors):
-    """Return a decide.Decision that claims nothing that leaves 20 times the noise.
+    """Return a decide.Decision that claims nothing that leaves ten times the noise.
 
     errors : Candidate -> statements.StreamFit of every recording that it is tested on
     """

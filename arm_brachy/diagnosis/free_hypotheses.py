@@ -42,7 +42,7 @@ INSIDE, OUTSIDE = 20, 8     # places of an inclusion, of a force or a weight
 # s: from what only damps to what only creeps, so near that a branch between two is either
 TIMES = (0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.1, 2.0, 4.0, 8.0)
 STEP = 0.1          # of the typical size, over which differences are taken
-WEIGHT = 1.0        # m/s^2 above which a scene has gravity: then its size is known
+EARTH = (9.76, 9.85)    # m/s^2 on its ground (WGS 84: 9.780 to 9.832): then its size is known
 YIELD = 0.1         # of what the body gives: prior of a base that gives, for any stiffness
 LOOSE = 0.35        # of the side of a square base: radius where the glue may be gone
 LONG = 1e5          # s, longer than any recording
@@ -90,8 +90,9 @@ def free_hypotheses(specimen):
     """Return a tuple of Free on a specimen.Specimen without pads.
 
     The modulus is a nuisance and no cause. Of gravity only the direction is in question where the
-    scene has any: on Earth its size is known to 0.3 %, and all that a released body shows is
-    modulus over weight. Terms of pads and of rhythms have nothing to act on.
+    scene has that of the Earth, whose size is known to 0.3 %. Of another size it may be what is
+    wrong: how far a body sags goes with it, how fast it rings does not. Terms of pads and
+    of rhythms have nothing to act on.
     """
     places = [('centre', tuple(c)) for c in interior_places(specimen.mesh, INSIDE)]
     outside = [('centre', tuple(c)) for c in surface_places(specimen, OUTSIDE, base=False)]
@@ -141,8 +142,9 @@ def _gravity(specimen):
     g = np.asarray(specimen.scene.gravity, dtype=float)
     full = hypothesis(Gravity)
     size = float(np.linalg.norm(g))
-    across = tuple(s for s in full.strengths if size < WEIGHT
-                   or abs(g[s.component]) < 0.5 * size)
+    if not EARTH[0] <= size <= EARTH[1]:
+        return _free(full)
+    across = tuple(s for s in full.strengths if abs(g[s.component]) < 0.5 * size)
     return _free(Hypothesis(Gravity, {}, across))
 
 

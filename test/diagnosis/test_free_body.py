@@ -15,7 +15,6 @@ from arm_brachy.core.errors import InputError, RecordingError
 from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, PointLoad, Region, Scene
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.free_body import free_diagnosis_parts, is_free
-from arm_brachy.diagnosis.free_doors import MISSED
 from arm_brachy.evaluation.timeseries import OpticalFrames, RunData
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.build import build_body
@@ -179,12 +178,13 @@ def test_a_weight_that_only_the_scene_has_is_taken_away(recorded, scene):
     assert parts.causes[0].parameters['mass'].value == pytest.approx(-0.02, rel=0.05)
 
 
-def test_nothing_is_named_that_leaves_twenty_times_the_noise(recorded, scene):
-    """Half of gravity is no cause of the catalogue; what comes near it may still be named."""
+def test_gravity_that_is_not_the_one_of_the_earth_is_found(recorded, scene):
+    """Half of it sags half as far and rings as fast: no modulus does both."""
     evidence = replace(recorded(), scene=replace(scene, gravity=(0.0, 0.0, -4.9)))
     parts = free_diagnosis_parts((evidence,))
-    assert all(fit.named <= MISSED * fit.noise_floor for fit in parts.fit
-               if fit.named is not None)
+    assert parts.verdict == 'named' and parts.causes[0].term == 'gravity'
+    assert parts.causes[0].parameters['added'].value[2] == pytest.approx(-4.91, rel=0.05)
+    assert all(fit.named < 1.5 * fit.noise_floor for fit in parts.fit)
 
 
 def test_other_bodies_are_refused(scene):

@@ -41,7 +41,7 @@ def fits(*named):
     return [StreamFit('optical', 1.0, 0.5, 0.01, one) for one in named]
 
 
-def test_a_cause_that_leaves_twenty_times_the_noise_is_none():
+def test_a_cause_that_leaves_ten_times_the_noise_is_none():
     given = Decision('equivalent', 'one', ('other',))
     found = stood_back(given, lambda one: fits(0.05, 1.01 * MISSED * 0.01))
     assert found == Decision('unexplained', nearest='one')
