@@ -32,6 +32,7 @@ HOMES = {
     'rclpy': {'nodes'},
     'arm_brachy_msgs': {'nodes'},
     'osqp': {'control'},
+    'threadpoolctl': {'diagnosis'},
     'mcap': {'recording'},
     'mcap_ros2': {'recording'},
     'rosbags': {'recording'},

@@ -7,6 +7,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from arm_brachy.core.random import stream
 from arm_brachy.core.term import Kind
@@ -60,6 +61,8 @@ class Answer:
     shown: Shown
 
 
+# Its matrices are small: a second thread of BLAS doubled the processor time and gained nothing.
+@threadpool_limits.wrap(limits=1)
 def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accuracy=None,
              calibration=None, meshes=None):
     """Return the Answer for evidence.Evidence of one scene.

@@ -1,9 +1,11 @@
 """From recordings to the answer, on a coarse breast: what was planted is named, with its size."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from arm_brachy.cell import pad_directions
 from arm_brachy.core.errors import ConfigError
@@ -250,3 +252,20 @@ def test_a_lump_that_one_push_shows_is_a_place_and_no_cause(record, tmp_path):
     assert 'another pad' in d.next_experiment.instruction
     page = write_diagnosis(d, found.shown, tmp_path / 'page.html').read_text()
     assert 'these recordings cannot name' in page and 'To decide it: Push with another' in page
+
+
+def test_a_diagnosis_takes_one_thread_of_blas(scene):
+    """Two doubled its processor time, 51 to 109 s for a minute of recording, for nothing."""
+    seen = []
+
+    class Stopped(Exception):
+        pass
+
+    def progress(step, share):
+        seen.extend(one['num_threads'] for one in threadpool_info()
+                    if one['user_api'] == 'blas')
+        raise Stopped
+
+    with threadpool_limits(2), pytest.raises(Stopped):
+        diagnose((SimpleNamespace(scene=scene),), None, progress=progress)
+    assert seen and set(seen) == {1}
