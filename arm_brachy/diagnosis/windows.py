@@ -57,12 +57,19 @@ def windows_of(motion, limit, rhythm=0.0, events=()):
 
     found = next((some for some in map(cut, LEVELS) if len(some) <= limit), None)
     found = _thinned(cut(LEVELS[-1]), motion, limit) if found is None else found
-    ends = [*sorted(events), float(motion.t[-1])]
-    for a, b in zip(ends[:-1], ends[1:], strict=True) if 0 < len(events) < MANY else ():
-        if sum(a < w.start and w.stop < b for w in found) < ENOUGH:
-            finer = _between(motion, phases, a + SETTLED, b - SETTLED, longest)
-            found = [*(w for w in found if w.stop <= a or b <= w.start), *finer]
+    if len(events) < MANY:
+        ends = [*sorted(events), float(motion.t[-1])]
+        for a, b in zip(ends[:-1], ends[1:], strict=True):
+            found = _seen_between(found, motion, phases, a, b, longest)
     return tuple(sorted(found, key=lambda w: w.start))
+
+
+def _seen_between(found, motion, phases, a, b, longest):
+    """Windows `found`, those between two times made finer where they are fewer than ENOUGH."""
+    if sum(a < w.start and w.stop < b for w in found) >= ENOUGH:
+        return found
+    finer = _between(motion, phases, a + SETTLED, b - SETTLED, longest)
+    return [*(w for w in found if w.stop <= a or b <= w.start), *finer]
 
 
 def _between(motion, phases, start, stop, longest):

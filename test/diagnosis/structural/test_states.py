@@ -190,6 +190,14 @@ def test_a_touch_of_two_seconds_is_seen_however_few_the_states(start):
     assert all(a[1] < b[0] + 1e-9 for a, b in zip(edges[:-1], edges[1:], strict=True))
 
 
+def test_what_happens_all_the_time_asks_for_no_states_of_its_own():
+    t = np.arange(0.0, 60.0, 3.0)
+    motion = Motion(t, 5e-3 * (np.arange(len(t)) % 4 > 1)[:, None], 1e-5, 1e-4)
+    plain, events = windows_of(motion, 20), np.linspace(1.0, 55.0, 12)
+    assert windows_of(motion, 20, events=events) == plain
+    assert len(windows_of(motion, 20, events=events[:11])) > len(plain)
+
+
 def test_a_rhythm_is_not_averaged_away():
     """In every window on a stand its mean is its value in the middle, to 1 % of its height."""
     t, q = np.array([0.0, 5.0, 5.5, 9.0, 9.5, 12.0]), np.array([0.0, 0.0, 5e-3, 5e-3, 0.0, 0.0])
