@@ -33,6 +33,13 @@ class Estimate:
             raise InputError(f'estimate {self.value} outside its interval {self.low} to '
                              f'{self.high}; must lie in it')
 
+    @classmethod
+    def unsure(cls, value):
+        """The Estimate of a value (float or (3,)) that was given and not fitted: no ends known."""
+        value = np.asarray(value, dtype=float)
+        return cls(*(tuple(map(float, part)) if value.ndim else float(part)
+                     for part in (value, value - np.inf, value + np.inf)))
+
 
 @dataclass(frozen=True)
 class Discretisation:

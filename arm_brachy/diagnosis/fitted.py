@@ -61,7 +61,7 @@ class Fitted:
     def _placed(self, i):
         """Estimates of what a candidate gave and no fit changed: their error is not known."""
         scaled = set(Cause(self.hypotheses[i].name).declared.__dataclass_fields__)
-        return {name: _unsure(value) for name, value in self.hypotheses[i].place.items()
+        return {name: Estimate.unsure(value) for name, value in self.hypotheses[i].place.items()
                 if name in scaled and name not in self.estimates[i] and _number(value)}
 
     def _chosen(self, i):
@@ -72,12 +72,6 @@ class Fitted:
 def _number(value):
     return not isinstance(value, str) and np.size(value) > 0 and all(
         isinstance(v, float) for v in np.atleast_1d(np.array(value, dtype=object)))
-
-
-def _unsure(value):
-    value = np.asarray(value, dtype=float)
-    parts = (value, value - np.inf, value + np.inf)
-    return Estimate(*(tuple(map(float, p)) if value.ndim else float(p) for p in parts))
 
 
 def sizes_of(assembly, candidate):

@@ -36,7 +36,7 @@ def cause_of(fit, i, alike, probability, option):
         if name.startswith('tau') or name == 'energy':
             parameters[name] = _scanned(name, value, free, alike)
         elif np.ndim(value) or isinstance(value, float):
-            parameters[name] = Estimate(*(3 * (value,)))
+            parameters[name] = Estimate.unsure(value)
         else:
             place[name] = value
     return Cause(free.hypothesis.name, parameters, place, probability, option)
