@@ -61,7 +61,8 @@ class Answer:
     shown: Shown
 
 
-# Its matrices are small: a second thread of BLAS doubled the processor time and gained nothing.
+# Its matrices are small: a second thread of BLAS doubled the processor time of a minute with the
+# breast and gained nothing.
 @threadpool_limits.wrap(limits=1)
 def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accuracy=None,
              calibration=None, meshes=None):
