@@ -7,7 +7,7 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from arm_brachy.diagnosis.cause import Estimate
-from arm_brachy.diagnosis.fitted import TO_90, parts_of, tested_part
+from arm_brachy.diagnosis.fitted import AS_FOUND, CHORD, TO_90, parts_of, tested_part
 from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.inference import detectability, posterior
 from arm_brachy.diagnosis.mesh_errors import NAMES
@@ -91,7 +91,8 @@ def errors_of(assembly, fitted, ratio, tests):
 
     fitted : Fitted of what was found, None = nothing
     """
-    return stream_fits(parts_of(assembly, fitted, ratio, free=not tests), [
+    numbers = AS_FOUND if tests else CHORD
+    return stream_fits(parts_of(assembly, fitted, ratio, numbers=numbers), [
         (m.recorded.name, tested_part(m, fitted, ratio)) for m in tests])
 
 

@@ -9,7 +9,7 @@ from arm_brachy.core.quantity import quantities
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.cause import Cause, Estimate
 from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.held_out import Part
+from arm_brachy.diagnosis.held_out import Part, chords
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.law_error import law_of, widened
 from arm_brachy.diagnosis.mesh_errors import NAMES
@@ -27,6 +27,7 @@ CORNER = 0.02       # of the largest travel, that a path may be off between its 
 STATES = 20         # of each recording at which causes are fitted in full,
 SHOWING = 6         # and those in which they show most
 TO_90 = 1.645       # standard deviations to either end of a normal 90 % interval
+TANGENT, CHORD, AS_FOUND = 'tangent', 'chord', 'as found'    # of `parts_of`
 
 
 @dataclass(frozen=True)
@@ -202,13 +203,14 @@ def _coarse(path, t):
     return Path(path.t[kept], path.q[kept])
 
 
-def parts_of(assembly, fitted, ratio, *, free=True):
+def parts_of(assembly, fitted, ratio, *, numbers=TANGENT):
     """held_out.Part of every recording that may lack something.
 
     fitted : Fitted of what was found beside what the model has, None = nothing
     ratio : of the model's modulus to the scene's
-    free : the numbers found are free to first order, else as they were found: so they are in what
-        was not fitted (`tested_part`), and the modulus with them is not to be told twice
+    numbers : TANGENT, those found are free to first order; CHORD, so, but without any the model
+        is the one without causes (`held_out.chords`); AS_FOUND: so they are in what was not fitted
+        (`tested_part`), and the modulus with them is not to be told twice
     """
     out = []
     for i, m in enumerate(assembly.matched[:len(assembly.matched) - assembly.sound]):
@@ -219,15 +221,25 @@ def parts_of(assembly, fitted, ratio, *, free=True):
         of_mesh = data.observables.whiten_shift(data.finer)
         named, columns, back = data.observables.residual(shown), np.zeros((len(kinds), 0)), None
         if fitted is not None and fitted.refit is not None:
-            named, back = fitted.refit.residual[i] + of_mesh, fitted.back[i]
-            if free:
-                columns = fitted.refit.columns[i]
-                named = named + columns @ fitted.refit.z
+            there, back = fitted.refit.residual[i] + of_mesh, fitted.back[i]
+            columns = _free(numbers, fitted.refit, i, named - there)
+            named = there + columns @ fitted.refit.z[:columns.shape[1]]
         found = fitted is not None or bool(m.baseline.model.terms)
         plain = _without_terms(m, data.encoder, data.t, shown)
         out.append(_part(m, data.observables, kinds, data.U, plain, ratio, of_mesh,
                          (named, columns, back) if found else ()))
     return out
+
+
+def _free(numbers, refit, i, effect):
+    """(N, p) columns of the numbers of a Refit in recording i, on which they have an effect (N,).
+
+    numbers : as of `parts_of`
+    """
+    columns = refit.columns[i]
+    if numbers == CHORD:
+        return chords(columns, refit.z, effect)
+    return columns if numbers == TANGENT else columns[:, :0]
 
 
 def tested_part(m, fitted, ratio):

@@ -100,6 +100,16 @@ def with_found(parts):
     return named, np.hstack([columns, back])
 
 
+def chords(columns, z, effect):
+    """Columns (N, p) at numbers z (p,) by which none of them leaves out their whole effect (N,).
+
+    columns : (N, p) tangents at z. Of a place that other kinds of push say nothing of, far from
+    where it was found, tangents make an effect where there is none left.
+    """
+    size = z @ z
+    return columns + np.outer(effect - columns @ z, z) / size if size else columns
+
+
 def _rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.held_out import Part, stacked, stream_fits
+from arm_brachy.diagnosis.held_out import Part, chords, stacked, stream_fits
 from arm_brachy.diagnosis.observables import Measured, Observables
 
 N, SD, SHIFT, EFFECT = 40, 1e-4, 2e-3, 5e-4
@@ -108,3 +108,23 @@ def test_how_far_pads_are_off_their_zeros_is_of_each_recording_alone():
             for size in (EFFECT, -EFFECT)]
     fit, = stream_fits(both)
     assert fit.recalibrated > 2.0 * SD and fit.named == pytest.approx(SD, rel=0.15)
+
+
+def test_a_cause_that_other_kinds_do_not_show_predicts_nothing():
+    """A bump at a place, in one kind of push: held out, no number of it is known, not even where."""
+    none = np.zeros(0, dtype=bool)
+    one = replace(part(np.random.default_rng(9), 0.0), own=none, mesh=none, frame=none)
+    one = replace(one, U=one.U[:, :0])
+    u = np.where(one.kinds == 'fast', np.tile(np.linspace(0.0, 1.0, N // 2), 6), -9.0)
+    z = np.array([2.0, 3.0])            # how high, and where, in tenths from 0
+
+    def bump(height, where):
+        return 20.0 * height * np.exp(-((u - 0.1 * where) / 0.1)**2)
+
+    h, left = 1e-5, one.r
+    tangents = np.column_stack([bump(1.0, z[1]), (bump(z[0], z[1] + h) - bump(*z)) / h])
+    one = replace(one, r=left + bump(*z))
+    fits = [stream_fits([replace(one, named=left + columns @ z, columns=columns)])[0]
+            for columns in (chords(tangents, z, bump(*z)), tangents)]
+    chord, tangent = (fit.named / fit.recalibrated for fit in fits)
+    assert chord == pytest.approx(1.0, rel=1e-6) and tangent > 1.5
