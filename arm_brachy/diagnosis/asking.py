@@ -34,7 +34,8 @@ def asked(assembly, decision, ensemble, calibration=None):
              for kind, one in m.recorded.prepared.noise.items()}
 
     def beside(baseline):
-        return joined(nuisances(baseline, calibration), tolerances(baseline, calibration),
+        return joined(nuisances(baseline, calibration, several=True),
+                      tolerances(baseline, calibration),
                       ensemble.along(baseline))
 
     try:

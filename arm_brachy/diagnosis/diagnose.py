@@ -98,7 +98,8 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     matched = []
     for one in (*recorded, *tested):
         matched.append(match(one, specimen, ensemble, given((one,), beside=looked).terms,
-                             calibration=calibration, accuracy=accuracy))
+                             calibration=calibration, accuracy=accuracy,
+                             several=len(recorded) + len(tested) > 1))
         say(STEPS[1], len(matched) / (len(recorded) + len(tested)))
     tests, matched = matched[len(recorded):], matched[:len(recorded)]
     occasions = occasions_of(looked)

@@ -15,7 +15,7 @@ from arm_brachy.diagnosis.tolerances import given_errors, joined, tolerances
 
 SLOW = 1.0          # s, about as long as rests between pushes are
 # Nuisances of one recording alone; all others belong to the set-up and are the same in each.
-OWN = ('frame_', 'em_', 'force_', 'clock_', 'touch_', 'timing_', 'given')
+OWN = ('frame_', 'zero_em_', 'force_', 'clock_', 'touch_', 'timing_', 'given')
 
 
 @dataclass
@@ -81,10 +81,12 @@ class Matched:
         return np.array(self.recorded.kinds, dtype=object)[self.observables.states]
 
 
-def match(recorded, specimen, ensemble, terms=(), *, calibration=None, accuracy=None):
+def match(recorded, specimen, ensemble, terms=(), *, calibration=None, accuracy=None,
+          several=False):
     """Matched of a Recorded and a specimen.Specimen with terms.
 
     calibration : finding.Calibration;  accuracy : model_error.Accuracy
+    several : True beside other recordings, as of `nuisances`
     ensemble : mesh_errors.Ensemble of its body
     Raises what Baseline raises.
     """
@@ -93,7 +95,7 @@ def match(recorded, specimen, ensemble, terms=(), *, calibration=None, accuracy=
     rest = {kind: shown[least] for kind, shown in baseline.shown.items()}
     observables = Observables(with_accuracy(measured(recorded.states), baseline.shown, rest,
                                             channels, accuracy), channels)
-    parts = [nuisances(baseline, calibration), tolerances(baseline, calibration),
+    parts = [nuisances(baseline, calibration, several=several), tolerances(baseline, calibration),
              given_errors(baseline, terms), timing_errors(baseline, recorded, accuracy),
              ensemble.along(baseline)]
     return Matched(recorded, baseline, observables, joined(*parts))

@@ -40,11 +40,13 @@ class Nuisances:
     values: dict
 
 
-def nuisances(baseline, calibration=None, priors=None):
+def nuisances(baseline, calibration=None, priors=None, *, several=False):
     """Return the Nuisances of a baseline.Baseline.
 
     calibration : finding.Calibration;  priors : Priors; None = defaults
-    Registration 6, placement 3 per marker off the base, EM offset 3 per tool, force zero 3 and
+    several : True beside other recordings of the set-up: where a tool sits is the same in all, and
+        the EM tracker's zero is each one's own; of one recording alone the two are one
+    Registration 6, placement 3 per marker off the base and per tool, EM zero 3, force zero 3 and
     scale 1 per pad, touch offset 1 per pad, modulus 1. The linear answers hold for small ones.
     """
     calibration, priors = calibration or Calibration(), priors or Priors()
@@ -55,6 +57,7 @@ def nuisances(baseline, calibration=None, priors=None):
                    max(priors.on_pad, calibration.placement) if on in specimen.pads
                    else calibration.placement for on in specimen.carriers]),
                *_shifts(EM, specimen.tools, [calibration.em_registration] * counts[EM]),
+               *(_em_zero(counts[EM], calibration.em_registration) if several else ()),
                *_shifts(FORCE, specimen.pads, [calibration.force_zero] * counts[FORCE]),
                *_gains(baseline, calibration.force_gain),
                *_touches(baseline, calibration.touch), _modulus(baseline, priors.modulus)]
@@ -85,6 +88,12 @@ def _shifts(kind, names, sd):
             shift = np.zeros((len(names), 3))
             shift[c, i] = sd[c]
             yield f'{kind}_{name}_{axis}', {kind: shift}
+
+
+def _em_zero(tools, sd):
+    """A constant shift of all tools along every axis."""
+    for axis, unit in zip('xyz', np.eye(3), strict=True):
+        yield f'zero_em_{axis}', {EM: np.broadcast_to(sd * unit, (tools, 3))}
 
 
 def _gains(baseline, sd):

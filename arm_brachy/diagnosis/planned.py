@@ -75,7 +75,7 @@ class Whitened:
 
 def calibrated(baseline):
     """Nuisances of a Baseline that any recording has, errors of the mesh left out."""
-    return joined(nuisances(baseline), tolerances(baseline))
+    return joined(nuisances(baseline, several=True), tolerances(baseline))
 
 
 @dataclass(frozen=True)

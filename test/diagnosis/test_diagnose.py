@@ -139,6 +139,26 @@ def test_tissue_that_is_softer_than_in_the_null_recording_lacks_no_physics(recor
     assert E == pytest.approx(0.85, rel=0.03)
 
 
+def test_a_tool_that_sits_elsewhere_than_in_the_null_recording_is_named(record):
+    """0.6 mm, three times what a laboratory leaves: where it sits is the same in both otherwise."""
+    tool = specimen_of(record().scene).tools[0]
+    moved = ({'name': 'em_offset', 'offset_mm': [0.2, -0.5, 0.3], 'tools': [tool]},)
+    d = diagnose((record(moved, legs=PUSHES[:3]),), source(), meshes=MESHES,
+                 null=(record(seed=2, name='sound', legs=PUSHES[:3]),)).diagnosis
+    cause, = d.causes
+    assert (cause.term, cause.applies_to['tools']) == ('em_offset', (tool,))
+    np.testing.assert_allclose(1e3 * np.array(cause.parameters['offset'].value),
+                               [0.2, -0.5, 0.3], atol=0.15)
+
+
+def test_an_em_tracker_may_stand_elsewhere_than_in_the_null_recording(record):
+    """All tools together, by as much as a laboratory leaves."""
+    moved = ({'name': 'em_offset', 'offset_mm': [0.2, -0.2, 0.1]},)
+    d = diagnose((record(moved, legs=PUSHES[:3]),), source(), meshes=MESHES,
+                 null=(record(seed=2, name='sound', legs=PUSHES[:3]),)).diagnosis
+    assert d.verdict == 'nothing_missing'
+
+
 def test_what_drifts_goes_on_from_one_recording_to_the_next(record):
     """A minute later the tissue is stiffer by a third from the start, and still stiffens."""
     drift = ({'name': 'stiffness_drift', 'rate_per_min': 0.3},)
