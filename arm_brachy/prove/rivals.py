@@ -104,6 +104,13 @@ def problem_of(bag, scene):
 
     The problem at the limit of finer elements where the recording bears it out, as the detector's.
     """
+    matched, finer = compared(bag, scene)
+    tried = try_all([matched], occasions_of((matched.recorded,)))
+    return assemble([finer], tried).problem, matched
+
+
+def compared(bag, scene):
+    """(Matched of a recording, the same at the limit of finer elements if that is borne out)."""
     evidence, = load_evidence([bag], load_scene(scene))
     recorded = look(evidence)
     specimen = specimen_of(evidence.scene)
@@ -111,9 +118,7 @@ def problem_of(bag, scene):
                            specimen.mesh)
     ensemble = ensemble_of(ForwardModel(specimen), stream(SEED, 'meshes'))
     matched = match(recorded, specimen, ensemble, given((recorded,)).terms)
-    tried = try_all([matched], occasions_of((recorded,)))
-    finer = at_limit([matched], ensemble.limit)
-    return assemble(finer or [matched], tried).problem, matched
+    return matched, (at_limit([matched], ensemble.limit) or [matched])[0]
 
 
 def rows(truths, said):

@@ -120,8 +120,24 @@ class Sight:
     def _null(self, case):
         return self._play(case, (), self._sound)
 
+    def shown(self, job):
+        """(t (n,) [s], kind -> (names, (n, c, 3))) how what is planted changes what sensors show.
+
+        t : of the generator, from the start of the protocol;  kind : of STREAMS but encoders
+        """
+        case = self._cases[job.name]
+        grid, streams = self._streams(case, case.effects, self._worlds[job.name])
+        null = self._null(case)
+        return grid, {name: (streams[name].names, _at(grid, streams[name]) - null[name])
+                      for name in STREAMS if name != 'encoders'}
+
     def _play(self, case, effects, world):
         """Streams (t, k) or (t, k, 3) on the common clock of `effects` in a case's set-up."""
+        grid, streams = self._streams(case, effects, world)
+        return {name: _at(grid, streams[name]) for name in STREAMS}
+
+    def _streams(self, case, effects, world):
+        """(common clock (t,), name -> stream without noise) of `effects` in a case's set-up."""
         played = replace(case, effects=effects)
         world = replace(world, modulus=case.nuisances.modulus)
         t, u = set_points(case.protocol, world.response.strokes)
@@ -133,7 +149,7 @@ class Sight:
             act = {**SENSING, **STRANGE_SENSING}.get(effect.name)
             if act is not None:
                 act(streams, effect.values)
-        return {name: _at(grid, streams[name]) for name in STREAMS}
+        return grid, streams
 
     def _flat(self, case, streams, null):
         """Whitened difference (n,) of streams to those of nothing planted."""

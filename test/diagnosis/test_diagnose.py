@@ -140,7 +140,7 @@ def test_tissue_that_is_softer_than_in_the_null_recording_lacks_no_physics(recor
 
 
 def test_a_tool_that_sits_elsewhere_than_in_the_null_recording_is_named(record):
-    """0.6 mm, three times what a laboratory leaves: where it sits is the same in both otherwise."""
+    """0.6 mm, three times what a laboratory leaves: otherwise it is the same in both."""
     tool = specimen_of(record().scene).tools[0]
     moved = ({'name': 'em_offset', 'offset_mm': [0.2, -0.5, 0.3], 'tools': [tool]},)
     d = diagnose((record(moved, legs=PUSHES[:3]),), source(), meshes=MESHES,

@@ -111,7 +111,7 @@ def test_how_far_pads_are_off_their_zeros_is_of_each_recording_alone():
 
 
 def test_a_cause_that_other_kinds_do_not_show_predicts_nothing():
-    """A bump at a place, in one kind of push: held out, no number of it is known, not even where."""
+    """A bump at a place, in one kind of push: held out, not even the place is known."""
     none = np.zeros(0, dtype=bool)
     one = replace(part(np.random.default_rng(9), 0.0), own=none, mesh=none, frame=none)
     one = replace(one, U=one.U[:, :0])
