@@ -42,7 +42,7 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     which sees what the regressors do not explain, and of what the fall of chi^2 from no delay
     tells: what is far and hardly explains more was led there by something else. Delays up to
     WIDEST are tried one by one first, since from farther than half a ramp the slope leads
-    elsewhere. None as well where the estimate does not settle.
+    elsewhere. None as well where the estimate does not settle, or beyond WIDEST.
     Test: diagnosis/structural/test_clocks.py
     """
     inside = (stream.t >= travel[0][0]) & (stream.t <= travel[0][-1])
@@ -61,6 +61,8 @@ def lateness(stream, travel, touch, noise, *, memory=True):
         if abs(step) < CLOSE * error:
             break
     else:
+        return None
+    if abs(late) >= WIDEST:
         return None
     fall = np.sum(following.misfit(0.0)[asked] - following.misfit(late)[asked])
     error = max(error, abs(late) / np.sqrt(max(fall, 1.0)))

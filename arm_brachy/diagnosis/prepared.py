@@ -11,6 +11,7 @@ from arm_brachy.diagnosis.motion import Motion, motion_of
 from arm_brachy.diagnosis.noise import noise_of
 from arm_brachy.diagnosis.registration import Registration, register
 from arm_brachy.diagnosis.stream import ENCODER, OPTICAL
+from arm_brachy.diagnosis.wiring import refuse_miswired
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ def prepare(evidence, devices=None, calibration=None, noise=None):
     calibration : finding.Calibration, None = its defaults
     noise : kind -> noise.Noise that is known from more than this recording, None = from it alone
     Markers in a frame that nothing tells are left out with a note. Raises RecordingError if
-    nothing else was recorded.
+    nothing else was recorded, or if signs or names of pads are mixed up (`wiring`).
     """
     calibration = calibration or Calibration()
     noise = noise_of(evidence, devices) if noise is None else noise
@@ -67,7 +68,10 @@ def prepare(evidence, devices=None, calibration=None, noise=None):
         moved = replace(optical, values=found.apply(optical.values))
         evidence = replace(evidence, streams={**evidence.streams, OPTICAL: moved})
         noise = {**noise, OPTICAL: noise[OPTICAL].turned(found.R)}
-    return Prepared(evidence, motion_of(evidence), noise, found, calibration)
+    motion = motion_of(evidence)
+    if motion is not None:
+        refuse_miswired(evidence.name, evidence, motion.touch)
+    return Prepared(evidence, motion, noise, found, calibration)
 
 
 def _without_markers(evidence):

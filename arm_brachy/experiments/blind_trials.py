@@ -13,6 +13,8 @@ COUNTED = {'top-1, all singles': 'top-1, all singles',
            'false alarms, nulls': 'false alarms, nulls',
            'wrong claims, all cases': 'wrong claims, or no answer',
            'held-out recovery': 'held-out recovery'}
+HIDES = 'what-hides'      # file of `prove.what_hides`
+LENGTHS = ('oracle', 'at_states', 'calibrated', 'seen', 'tested')
 PARTS = ('named', 'noticed')        # shares of single terms and sizes; they are in the files
 
 
@@ -50,6 +52,22 @@ def baselines(results):
             return baseline_lines([*simple, *({**own[of], 'baseline': f'the diagnosis, {name}',
                                                'what': what} for what, of in COUNTED.items())])
     return ''
+
+
+def hidden(results):
+    """Lines of a table: of cases of a trial, how much of what was planted could be seen."""
+    return hidden_lines(json.loads((results / f'{HIDES}.json').read_text(encoding='utf-8')))
+
+
+def hidden_lines(found):
+    """Lines of a table of what `prove.what_hides` writes."""
+    heads = ('case', 'planted', 'size', 'all samples, beside calibration', 'at the states',
+             'beside calibration', 'and the mesh', 'in one test', 'said')
+    rows = (' | '.join([row['case'], f'`{row["planted"]}`', f'{row["size"]:.2f}',
+                        *(f'{row[key]:.1f}' for key in LENGTHS), row['outcome']])
+            for row in found['rows'])
+    return '\n'.join([f'| {" | ".join(heads)} |', '|---' * len(heads) + '|',
+                      *(f'| {row} |' for row in rows)])
 
 
 def baseline_lines(rows):

@@ -15,7 +15,6 @@ from arm_brachy.experiments import (
     blind_trials,
     diagnosis_laboratories,
     diagnosis_totals,
-    what_hides,
 )
 from arm_brachy.experiments.dome_faults import study as dome_faults
 from arm_brachy.experiments.gel_block import study as gel_block
@@ -123,10 +122,6 @@ def _laboratories(results):
     return diagnosis_laboratories.markdown(_load(results, diagnosis_laboratories.NAME))
 
 
-def _hides(results):
-    return what_hides.markdown(_load(results, what_hides.NAME))
-
-
 def _dome_faults(results):
     return dome_faults.markdown(_load(results, dome_faults.NAME))
 
@@ -151,7 +146,7 @@ def _mean(rows, key):
 BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers,
             'diagnosis': _diagnosis, 'laboratories': _laboratories,
             'faults': _dome_faults, 'gel': _gel_block,
-            'trials': blind_trials.markdown, 'baselines': blind_trials.baselines, 'hides': _hides}
+            'trials': blind_trials.markdown, 'baselines': blind_trials.baselines, 'hides': blind_trials.hidden}
 
 
 def main():

@@ -47,6 +47,12 @@ def test_a_shift_of_the_stamps_is_measured(prepared, name, shift):
         shift, abs=0.05 * abs(shift) + 2e-4)
 
 
+def test_a_delay_beyond_those_that_are_tried_is_no_estimate(prepared):
+    for shift in (10.0, -7.0):
+        found = late(prepared, 'pad markers', shift)
+        assert found is None or abs(found.value) < 3.0
+
+
 def moved(run, shift):
     """The RunData with the stamps of all streams but the encoders later by `shift` [s]."""
     return replace(run, force=Series(run.force.t + shift, run.force.values),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.errors import InputError
-from arm_brachy.experiments import what_hides
-from arm_brachy.experiments.blind_trials import TRIALS
+from arm_brachy.experiments.blind_trials import TRIALS, hidden_lines
+from arm_brachy.prove import what_hides
 from arm_brachy.prove.source import case_of
 
 PATTERN = np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]])
@@ -49,5 +49,5 @@ def test_cases_that_a_trial_does_not_have_are_refused_in_a_line(monkeypatch, cap
 def test_the_table_has_a_line_a_case():
     row = {'case': 'case_001', 'planted': 'gravity', 'size': 0.5, 'oracle': 6.0, 'at_states': 9.0,
            'calibrated': 5.5, 'seen': 3.0, 'tested': 1.0, 'outcome': 'silent'}
-    line = what_hides.markdown({'rows': [row]}).splitlines()[2]
+    line = hidden_lines({'rows': [row]}).splitlines()[2]
     assert line == '| case_001 | `gravity` | 0.50 | 6.0 | 9.0 | 5.5 | 3.0 | 1.0 | silent |'

@@ -7,10 +7,10 @@ calibration there; beside what the mesh may be wrong by as well; along the struc
 shows most of it. An effect of no catalogue is noticed by the last alone, any other by the last but
 one.
 
-`python -m arm_brachy.experiments.what_hides COMMIT CASE... [--folder FOLDER]`, cases of
+`python -m arm_brachy.prove.what_hides COMMIT CASE... [--folder FOLDER]`, cases of
 results/trials/COMMIT, prints a table and writes FOLDER/what-hides.json. A body takes 5 minutes of
 a core, a case half a minute.
-Test: experiments/test_what_hides.py
+Test: prove/test_what_hides.py
 """
 
 import argparse
@@ -29,6 +29,7 @@ from arm_brachy.diagnosis.observables import channels_of
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
 from arm_brachy.diagnosis.structured_tests import structured_tests
 from arm_brachy.evaluation.result import commit_of
+from arm_brachy.experiments.blind_trials import HIDES, hidden_lines
 from arm_brachy.prove import plan, seal, source
 from arm_brachy.prove.answering import ABSOLUTE
 from arm_brachy.prove.folder import TrialFolder, read_json, write_json
@@ -37,8 +38,6 @@ from arm_brachy.prove.rivals import compared
 from arm_brachy.prove.signals import Sight
 
 KINDS = {'optical': OPTICAL, 'em': EM, 'forces': FORCE}
-NAME = 'what-hides'
-LENGTHS = ('oracle', 'at_states', 'calibrated', 'seen', 'tested')
 
 
 @dataclass(frozen=True)
@@ -125,31 +124,20 @@ def visible(job, truth, row, folder):
                    float(np.abs(found.z).max()), row['outcome'])
 
 
-def markdown(found):
-    """A table of what `main` writes."""
-    heads = ('case', 'planted', 'size', 'all samples, beside calibration', 'at the states',
-             'beside calibration', 'and the mesh', 'in one test', 'said')
-    rows = (' | '.join([row['case'], f'`{row["planted"]}`', f'{row["size"]:.2f}',
-                        *(f'{row[key]:.1f}' for key in LENGTHS), row['outcome']])
-            for row in found['rows'])
-    return '\n'.join([f'| {" | ".join(heads)} |', '|---' * len(heads) + '|',
-                      *(f'| {row} |' for row in rows)])
-
-
 def main():
     """Draw cases of a trial again and print what of them is visible."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('commit', help='of the detector: a folder of results/trials')
     parser.add_argument('case', nargs='+', help='case_000 and up, in which something is planted')
-    parser.add_argument('--folder', type=Path, default=run_dir() / NAME,
+    parser.add_argument('--folder', type=Path, default=run_dir() / HIDES,
                         help='of bodies and recordings; default: %(default)s')
     given = parser.parse_args()
     try:
         found = of_cases(given.commit, given.case, given.folder)
     except ArmBrachyError as error:
         parser.error(str(error))
-    write_json(given.folder / f'{NAME}.json', found)
-    print(markdown(found))
+    write_json(given.folder / f'{HIDES}.json', found)
+    print(hidden_lines(found))
 
 
 def of_cases(commit, cases, folder):
