@@ -34,8 +34,8 @@ def refuse_miswired(name, evidence, touch):
     strange = [] if optical else _moved(evidence, touch)
     if len(strange) > 1:
         raise RecordingError(
-            f'{name}: markers on {", ".join(strange)} move, but not with their encoders, nor up to '
-            f'{WIDEST:g} s before or after: bring both on one clock before the import')
+            f'{name}: markers on {", ".join(strange)} move, but not with their encoders, nor up '
+            f'to {WIDEST:g} s before or after: bring both on one clock before the import')
     along = {pad: slopes[pad] @ way for pad, (slopes, way) in optical.items()}
     if along and max(along.values()) < BACKWARDS:
         raise RecordingError(

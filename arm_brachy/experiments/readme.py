@@ -146,7 +146,8 @@ def _mean(rows, key):
 BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers,
             'diagnosis': _diagnosis, 'laboratories': _laboratories,
             'faults': _dome_faults, 'gel': _gel_block,
-            'trials': blind_trials.markdown, 'baselines': blind_trials.baselines, 'hides': blind_trials.hidden}
+            'trials': blind_trials.markdown, 'baselines': blind_trials.baselines,
+            'hides': blind_trials.hidden}
 
 
 def main():
