@@ -1,12 +1,12 @@
 """Mistakes of an import that would pass for physics: signs, exchanged pads, clocks far apart.
 
-A marker on a pad follows its encoder along the push, the force on a pad opposes its own push
-most. Where all pads do the opposite, or two do as the other should, no actuator is worn and
-nothing slipped: it is refused with what is to be mended. Pads that only ever moved together are
-not told apart.
+A marker on a pad follows its encoder along the push, the force on a pad opposes its push. Where
+all pads do the opposite, or two do as the other should, no actuator is worn and nothing slipped:
+it is refused with what is to be mended. Pads that only ever moved together are not told apart.
 Test: diagnosis/structural/test_wiring.py
 """
 
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -17,11 +17,25 @@ from arm_brachy.diagnosis.history import moving
 from arm_brachy.diagnosis.stream import ENCODER, FORCE, OPTICAL
 
 FEWEST = 50         # samples of a channel
-FOLLOWS = 0.5       # of its variance that the pads' travel explains, for a channel to tell
-LITTLE = 0.6        # of what it owes to another pad's push, that a channel owes to its own: of
-                    # forces on a cylinder, exchanged, 0.3 to 0.4, as they were 2 and more
+FOLLOWS, IGNORES = 0.5, 0.2     # of its variance that a travel explains, more or less
+LESS = 0.5          # of what the travel of another pad explains: two forces on a cylinder 0.3 and
+                    # 0.4 when exchanged, 2.4 and more before
 MOVES = 0.5         # of a pad's travel, that its marker goes at least if it is there
 BACKWARDS = -0.5    # travel of a marker on a pad over that by the encoder
+
+
+@dataclass(frozen=True)
+class _Channel:
+    """What sits on a pad beside the travel of every pad that pushes, one at a time.
+
+    shares : pad -> part of its variance that is in proportion to that travel
+    slope : of its component along the push, by the travel of its own pad
+    far : True if it goes about as far as its pad, whenever
+    """
+
+    shares: dict
+    slope: float
+    far: bool
 
 
 def refuse_miswired(name, evidence, touch):
@@ -30,74 +44,63 @@ def refuse_miswired(name, evidence, touch):
     evidence : Evidence with encoders, optical positions in the world frame
     touch : [m] pads that never push further tell nothing
     """
-    optical, force = (_followed(evidence, kind, touch) for kind in (OPTICAL, FORCE))
-    strange = [] if optical else _moved(evidence, touch)
-    if len(strange) > 1:
-        raise RecordingError(
-            f'{name}: markers on {", ".join(strange)} move, but not with their encoders, nor up '
-            f'to {WIDEST:g} s before or after: bring both on one clock before the import')
-    along = {pad: slopes[pad] @ way for pad, (slopes, way) in optical.items()}
-    if along and max(along.values()) < BACKWARDS:
-        raise RecordingError(
-            f'{name}: markers on {", ".join(along)} move against their encoders; travel must '
-            'grow as a pad is pushed in: mend the sign of the encoders at the import')
-    for kind, slopes in (('marker on', optical), ('force on', force)):
-        for one, two in combinations(slopes, 2):
-            if _owes(slopes, one, two) and _owes(slopes, two, one):
+    optical, force = (_channels(evidence, kind, touch) for kind in (OPTICAL, FORCE))
+    for what, channels in (('marker', optical), ('force', force)):
+        for one, two in combinations(channels, 2):
+            if _takes(channels, one, two) and _takes(channels, two, one):
                 raise RecordingError(
-                    f'{name}: the {kind} {one} goes with the encoder of {two}, and the other way '
-                    'round: two pads are exchanged; mend the names at the import')
-    if force and min(slopes[pad] @ way for pad, (slopes, way) in force.items()) > 0.0:
+                    f'{name}: the {what} on {one} goes with the encoder of {two}, and the other '
+                    'way round: two pads are exchanged; mend the names at the import')
+    lost = [pad for pad, one in optical.items() if one.far and max(one.shares.values()) < IGNORES]
+    if len(lost) > 1 and len(lost) == len(optical):
+        raise RecordingError(
+            f'{name}: markers on {", ".join(lost)} move, but not with their encoders, nor up to '
+            f'{WIDEST:g} s before or after: bring both on one clock before the import')
+    if _all_own(optical, lambda slope: slope < BACKWARDS):
+        raise RecordingError(
+            f'{name}: markers on {", ".join(optical)} move against their encoders; travel must '
+            'grow as a pad is pushed in: mend the sign of the encoders at the import')
+    if _all_own(force, lambda slope: slope > 0.0):
         raise RecordingError(
             f'{name}: the forces on {", ".join(force)} pull where the pads are pushed in; must be '
             'those of the tissue on the tool: mend `sign` at the import')
 
 
-def _moved(evidence, touch):
-    """Pads that push and whose marker moves by much of their travel, whenever."""
-    encoder, stream, out = evidence.get(ENCODER), evidence.get(OPTICAL), []
-    for i in () if stream is None else moving(encoder.values[..., 0], touch):
-        for channel in stream.on(encoder.names[i])[:1]:
-            way = np.linalg.norm(np.nan_to_num(np.nanmax(stream.values[:, channel], axis=0)
-                                               - np.nanmin(stream.values[:, channel], axis=0)))
-            if way > MOVES * np.nanmax(np.abs(encoder.values[:, i])):
-                out.append(encoder.names[i])
-    return out
+def _takes(channels, one, two):
+    """True if what sits on pad `one` goes with the travel of `two` rather than with its own."""
+    shares = channels[one].shares
+    return shares[one] < LESS * shares[two] and shares[two] > FOLLOWS
 
 
-def _owes(slopes, one, two):
-    own, other = (np.linalg.norm(slopes[one][0][pad]) for pad in (one, two))
-    return own < LITTLE * other
+def _all_own(channels, wrong):
+    """True if every channel follows its own pad, with a slope that is wrong."""
+    return bool(channels) and all(one.shares[pad] > IGNORES and wrong(one.slope)
+                                  for pad, one in channels.items())
 
 
-def _followed(evidence, kind, touch):
-    """Pad -> ({pad: (3,) change of its channel per travel of each}, direction of its push).
-
-    Of pads that push, and channels that follow the encoders; by least squares, without a past.
-    """
-    encoder, stream = evidence.get(ENCODER), evidence.get(kind)
-    if encoder is None or stream is None:
-        return {}
+def _channels(evidence, kind, touch):
+    """Pad -> _Channel of the first of a kind that sits on it; of pads that push."""
+    encoder, stream, out = evidence.get(ENCODER), evidence.get(kind), {}
+    if stream is None:
+        return out
     q = encoder.at(stream.t)[..., 0]
-    pushed = moving(q, touch)
-    names = [encoder.names[i] for i in pushed]
-    X = np.column_stack([np.ones(len(q)), q[:, pushed]])
-    out = {}
-    for pad in names:
+    pushed = {encoder.names[i]: q[:, i] for i in moving(encoder.values[..., 0], touch)}
+    for pad, travel in pushed.items():
         for channel in stream.on(pad)[:1]:
-            rows = stream.valid[:, channel] & np.isfinite(X).all(axis=1)
-            slopes = _slopes(X[rows], stream.values[rows, channel])
-            if slopes is not None:
-                out[pad] = (dict(zip(names, slopes, strict=True)),
-                            evidence.directions[evidence.pads.index(pad)])
+            rows = stream.valid[:, channel] & np.isfinite(q).all(axis=1)
+            values = stream.values[rows, channel]
+            if len(values) < FEWEST:
+                continue
+            fits = {other: _fit(x[rows], values) for other, x in pushed.items()}
+            way = evidence.directions[evidence.pads.index(pad)]
+            out[pad] = _Channel({other: share for other, (share, _) in fits.items()},
+                                float(fits[pad][1] @ way), bool(np.linalg.norm(
+                                    np.ptp(values, axis=0)) > MOVES * np.ptp(travel[rows])))
     return out
 
 
-def _slopes(X, values):
-    """(p, 3) slopes of values (n, 3) in columns of X (n, 1 + p); None if they do not follow."""
-    if len(values) < FEWEST:
-        return None
-    found = np.linalg.lstsq(X, values, rcond=1e-6)[0]
-    left = np.sum((values - X @ found)**2)
-    whole = np.sum((values - values.mean(axis=0))**2)
-    return found[1:] if left < (1.0 - FOLLOWS) * whole else None
+def _fit(x, values):
+    """(share of the variance of values (n, 3) in proportion to x (n,), slopes (3,))."""
+    x, values = x - x.mean(), values - values.mean(axis=0)
+    slope = x @ values / max(x @ x, 1e-300)
+    return float(x @ x * slope @ slope / max(np.sum(values**2), 1e-300)), slope

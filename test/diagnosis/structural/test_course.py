@@ -80,10 +80,11 @@ def test_the_model_is_driven_by_the_encoder_put_right(uneven):
 
 
 def test_nothing_pushes_back_harder_than_it_is_pushed(recorded, laboratory):
-    """Forces told with the wrong sign: no negative compliance stands in for a gain."""
+    """A force told with the wrong sign: no negative compliance stands in for a gain."""
     evidence = evidence_of(recorded({'name': 'actuator_compliance', 'compliance_mm_N': 0.125,
                                      'actuators': [0]}), laboratory().scene)
     force = evidence.get('force')
+    sign = np.array([-1.0, 1.0, 1.0])[:, None]      # of all of them it would be refused
     turned = replace(evidence, streams={**evidence.streams,
-                                        'force': replace(force, values=-force.values)})
+                                        'force': replace(force, values=sign * force.values)})
     assert COMPLIANCE not in travels(turned)[0].causes
