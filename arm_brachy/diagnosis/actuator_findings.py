@@ -44,6 +44,7 @@ def actuator_findings(prepared, pads):
     out, gains = [], {}
     for one in pads:
         for cause, (value, sd) in one.causes.items():
+            value = _along_its_way(one, value) if cause == GAIN else value
             z = sigma(value, sd, slack[cause]) if cause in slack else 0.0
             if cause == GAIN:
                 gains[one.marker] = (one, value, sd, z)
@@ -51,6 +52,11 @@ def actuator_findings(prepared, pads):
                 out.append(_actuator(prepared, one, cause, value, sd, z))
         out += [*_tilt(prepared, one, len(pads)), *_uneven(prepared, one)]
     return (*out, *_gain_findings(prepared, gains, pads, limit))
+
+
+def _along_its_way(one, gain):
+    """Gain of a pad along the way that it goes, of one along the push in the scene."""
+    return float(np.hypot(1.0 + gain, np.linalg.norm(one.tilt)) - 1.0)
 
 
 def _slack(prepared):
@@ -122,7 +128,7 @@ def _tilt(prepared, one, tests):
     z = sigma(one.tilt, one.tilt_sd, prepared.calibration.direction)
     if z <= threshold(tests, 2):
         return []
-    up, side = np.arctan(one.tilt)
+    up, side = np.arctan(one.tilt / (1.0 + one.gain[0]))
     return [Finding(OPTICAL, one.marker, 'pad_misplacement', 'tilt_up', float(up), 'rad',
                     float(one.tilt_sd[0]), z, *map(float, prepared.evidence.span),
                     f'The marker on {one.pad} moves {np.degrees(np.hypot(up, side)):.1f} deg '

@@ -13,6 +13,7 @@ from arm_brachy.core.random import stream
 from arm_brachy.core.term import Kind
 from arm_brachy.diagnosis import conclude
 from arm_brachy.diagnosis.asking import asked
+from arm_brachy.diagnosis.astray import astray, unled
 from arm_brachy.diagnosis.blur import FINER, cut_rims, with_mesh
 from arm_brachy.diagnosis.diagnosis import Diagnosis
 from arm_brachy.diagnosis.figures import body_of
@@ -85,23 +86,31 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
                                    lambda share: say(STEPS[2], share)))
     say(STEPS[0], 0.0)
     noise = iter(shared_noise((*evidences, *null, *held_out)))
-    (recorded, left_out), (sound, fewer), (tested, fewest) = (
+    (looked, left_out), (sound, fewer), (tested, fewest) = (
         _look([(one, next(noise)) for one in some], calibration, say)
         for some in (evidences, null, held_out))
     left_out = (*left_out, *fewer, *fewest)
-    looked, recorded = recorded, (*recorded, *sound)
-    known = [f for one in sound for f in one.structure.findings]
-    found = given(looked, known, beside=looked)
     say(STEPS[1], 0.0)
-    specimen, ratio = _specimen(recorded, evidences[0].scene)
+    specimen, ratio = _specimen((*looked, *sound), evidences[0].scene)
     ensemble = ensemble_of(ForwardModel(specimen), stream(provenance.seed, 'meshes'), meshes)
-    matched = []
-    for one in (*recorded, *tested):
-        matched.append(match(one, specimen, ensemble, given((one,), beside=looked).terms,
-                             calibration=calibration, accuracy=accuracy,
-                             several=len(recorded) + len(tested) > 1))
-        say(STEPS[1], len(matched) / (len(recorded) + len(tested)))
-    tests, matched = matched[len(recorded):], matched[:len(recorded)]
+
+    def beside_model(looked, others):
+        every, out = (*looked, *others), []
+        for one in every:
+            out.append(match(one, specimen, ensemble, given((one,), beside=looked).terms,
+                             calibration=calibration, accuracy=accuracy, several=len(every) > 1))
+            say(STEPS[1], len(out) / len(every))
+        return out
+
+    fitted = len(looked) + len(sound)
+    matched = beside_model(looked, (*sound, *tested))
+    strays = astray(matched[:fitted])
+    if strays:
+        looked, sound, tested = (tuple(unled(one, strays) for one in some)
+                                 for some in (looked, sound, tested))
+        matched = beside_model(looked, (*sound, *tested))
+    tests, matched = matched[fitted:], matched[:fitted]
+    found = given(looked, [f for one in sound for f in one.structure.findings], beside=looked)
     occasions = occasions_of(looked)
     tried = try_all(matched, occasions, lambda done, of, name: say(STEPS[2], done / of))
     say(STEPS[3], 0.0)

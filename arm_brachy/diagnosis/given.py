@@ -33,7 +33,7 @@ class Given:
         kept = {}
         for finding in (f for f, _ in self.certain if f.term not in PUT_RIGHT):
             kept.setdefault((finding.term, repr(finding.parameters)), finding)
-        return tuple(by_name(f.term)(**_plain(f)) for f in kept.values())
+        return tuple(map(term_of, kept.values()))
 
 
 def given(recorded, known=(), beside=()):
@@ -79,9 +79,11 @@ def _as_large(one, other):
                                        np.hypot(one.sd, other.sd)) < ALIKE
 
 
-def _plain(finding):
-    return {key: tuple(map(float, value)) if getattr(value, 'ndim', 0) else value
-            for key, value in finding.parameters.items()}
+def term_of(finding):
+    """The term of the registry that a finding.Finding names, as it found it."""
+    return by_name(finding.term)(**{
+        key: tuple(map(float, value)) if getattr(value, 'ndim', 0) else value
+        for key, value in finding.parameters.items()})
 
 
 def occasions_of(recorded):

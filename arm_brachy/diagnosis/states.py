@@ -70,6 +70,16 @@ def without(states, times):
                    labels=labels, state=states.state[kept])
 
 
+def unseen(states, kind, names):
+    """The LoadStates as if the channels of these names of a stream had not been seen."""
+    stream = states.streams[kind]
+    seen = ~np.isin(stream.names, names)
+    stream = replace(stream, values=np.where(seen[:, None], stream.values, np.nan),
+                     variance=np.where(seen[:, None], stream.variance, np.inf),
+                     count=np.where(seen, stream.count, 0))
+    return replace(states, streams={**states.streams, kind: stream})
+
+
 def load_states(prepared, late=None, limit=LIMIT, rhythm=0.0, events=()):
     """Reduce a recording to at most `limit` LoadStates.
 

@@ -77,18 +77,32 @@ def given_errors(baseline, terms):
     names, parts = ['given'], [{kind: np.zeros((*shown.shape, 1)) for kind, shown in
                                 baseline.shown.items()}]
     for term in terms:
-        one = _as_hypothesis(term)
-        response = respond(baseline, one)
-        for k, strength in enumerate(one.strengths):
-            value = getattr(term, strength.name)
-            value = value if strength.component is None else value[strength.component]
-            size = KNOWN * abs(value - strength.neutral) / abs(strength.typical
-                                                               - strength.neutral)
-            parts.append({kind: size * values[..., k:k + 1]
-                          for kind, values in response.values.items()})
+        for strength, change in _effects(baseline, term):
+            parts.append({kind: KNOWN * values for kind, values in change.items()})
             names.append(f'given_{term.spec.name}_{strength.label}')
     return Nuisances(tuple(names), {kind: np.concatenate([part[kind] for part in parts], axis=3)
                                     for kind in parts[0]})
+
+
+def change_without(baseline, terms):
+    """Change of every observable, kind -> (n, c, 3), without terms that a Baseline has.
+
+    To first order, by the responses about what is there.
+    """
+    changes = [change for term in terms for _, change in _effects(baseline, term)]
+    return {kind: -sum(change[kind] for change in changes)[..., 0] for kind in baseline.shown}
+
+
+def _effects(baseline, term):
+    """(Strength, its effect kind -> (n, c, 3, 1)) of each strength of a term that is there."""
+    one = _as_hypothesis(term)
+    response = respond(baseline, one)
+    for k, strength in enumerate(one.strengths):
+        value = getattr(term, strength.name)
+        value = value if strength.component is None else value[strength.component]
+        size = (value - strength.neutral) / (strength.typical - strength.neutral)
+        yield strength, {kind: size * values[..., k:k + 1]
+                         for kind, values in response.values.items()}
 
 
 def _as_hypothesis(term):

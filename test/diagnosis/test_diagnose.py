@@ -1,10 +1,12 @@
 """From recordings to the answer, on a coarse breast: what was planted is named, with its size."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from arm_brachy.cell import pad_directions
@@ -217,6 +219,41 @@ def test_what_was_found_predicts_a_recording_that_was_not_fitted(record):
     d = diagnose(fitted, source(), meshes=MESHES, held_out=(later,)).diagnosis
     assert [cause.term for cause in d.causes] == ['strain_stiffening']
     assert all(fit.held_out == 'later' and fit.named < 1.2 * fit.noise_floor for fit in d.fit)
+
+
+def turned(evidence, pad, rate):
+    """Evidence in which the marker on a pad turns about its centre, by rate [rad/m] of travel."""
+    optical, i = evidence.get(OPTICAL), evidence.pads.index(pad)
+    k, = optical.on(pad)
+    lever = optical.rest[k] - np.array(evidence.scene.pads[i].centre)
+    axis = np.cross(lever, (0.0, 0.0, 1.0)) / np.linalg.norm(lever[:2])
+    angles = rate * evidence.get(ENCODER).values[:, i, 0]
+    values = optical.values.copy()
+    values[:, k] += Rotation.from_rotvec(angles[:, None] * axis).apply(lever) - lever
+    return replace(evidence, streams={**evidence.streams, OPTICAL: replace(optical,
+                                                                           values=values)})
+
+
+def test_a_marker_that_turns_by_itself_is_no_gain_and_no_direction_of_its_pad(record):
+    """Tissue and forces answer as to a pad that goes as the scene says: how fast it turns."""
+    rate = np.radians(1.5) / 1e-3
+    d = diagnose((turned(record(), 'pad_1', rate),), source(), meshes=MESHES).diagnosis
+    assert d.verdict == 'unexplained' and d.causes == ()
+    assert (OPTICAL, 'pad_1') in {(place.stream, place.channel) for place in d.where}
+    finding, = (f for f in d.findings if f.channel == 'pad_1')
+    assert finding.term is None
+    told = re.search(r'turns by ([0-9.]+) deg per mm', finding.statement)
+    assert float(told[1]) == pytest.approx(1.5, rel=0.05)
+
+
+def test_a_gain_and_a_direction_that_a_pad_has_are_both_named(record):
+    """As large as a turn of its marker would make them; tissue that stiffens beside does not gainsay them."""
+    entries = ({'name': 'pad_misplacement', 'tilt_up_deg': 8.0, 'pads': ['pad_1']},
+               {'name': 'actuator_gain', 'gain': -0.1, 'actuators': [0]}, STIFFENING)
+    d = diagnose((record(entries),), source(), meshes=MESHES).diagnosis
+    found = {cause.term: cause.parameters for cause in d.causes}
+    assert found['pad_misplacement']['tilt_up'].value == pytest.approx(np.radians(8.0), rel=0.1)
+    assert found['actuator_gain']['gain'].value == pytest.approx(-0.1, rel=0.1)
 
 
 def test_a_slip_in_one_of_two_recordings_is_named_and_is_none_in_the_other(record):

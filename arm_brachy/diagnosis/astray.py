@@ -1,0 +1,144 @@
+"""Does a pad go as the marker on it does? Tissue and forces tell, once there is a model.
+
+What such a marker shows of gain, yield or direction holds for the pad only while the two are one
+rigid body that does not turn. On a pad that rocks, or on a post that bends, a marker goes aside
+and falls short by itself; a model that takes its path for the pad's is then worse off everywhere
+else.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from arm_brachy.diagnosis.assembly import stacked_nuisances
+from arm_brachy.diagnosis.decide import Rules
+from arm_brachy.diagnosis.finding import Finding
+from arm_brachy.diagnosis.given import term_of
+from arm_brachy.diagnosis.states import unseen
+from arm_brachy.diagnosis.stream import OPTICAL
+from arm_brachy.diagnosis.tolerances import change_without
+
+TOLD = ('actuator_gain', 'actuator_compliance', 'pad_misplacement')     # by markers on pads
+NEAR = 0.5      # of all of it, as far as which tissue and forces may show another share
+ACROSS = 0.34   # cosine to its lever, up to which a marker's own motion is a turn about its pad
+
+
+@dataclass(frozen=True)
+class Astray:
+    """Pads whose markers go another way than they do.
+
+    pads : names;  share : of what the markers say by which tissue and forces show that it is not
+        so: 0 = the pads go as their markers, 1 = as the scene says;  sd : of it
+    lead : log likelihood by which the scene's way is ahead
+    """
+
+    pads: tuple
+    share: float
+    sd: float
+    lead: float
+
+
+def astray(matched):
+    """Astray of every group of pads whose markers tissue and forces gainsay; a tuple.
+
+    matched : matched.Matched with what markers say in their models, of one body
+    The motion without that is played to all streams but the markers on those pads, beside
+    nuisances and errors of the mesh. Valid where what else is missing does less than that.
+    Test: diagnosis/test_diagnose.py
+    """
+    names = matched[0].baseline.model.specimen.pads
+    groups = {told_of(term, names) for m in matched for term in m.baseline.model.terms} - {()}
+    if not groups:
+        return ()
+    U, r = stacked_nuisances(matched)[0], np.concatenate([m.r for m in matched])
+    found = (_asked(matched, U, r, group) for group in sorted(groups))
+    return tuple(one for one in found if one is not None and one.lead >= Rules().certain
+                 and abs(one.share - 1.0) < NEAR)
+
+
+def told_of(term, names):
+    """Names of the pads whose path by their markers a term is, () if it is no such term.
+
+    names : of all pads, in the order of the actuators
+    """
+    if term.spec.name not in TOLD:
+        return ()
+    if term.spec.name == 'pad_misplacement':
+        return (term.pads or names) if term.tilt_up or term.tilt_side else ()
+    return tuple(names[i] for i in term.actuators) or names
+
+
+def _asked(matched, U, r, group):
+    """The Astray of a group of pads, None where nothing but their markers shows it."""
+    change = np.concatenate([m.observables.whiten_shift(change_without(m.baseline, [
+        term for term in m.baseline.model.terms
+        if told_of(term, m.baseline.model.specimen.pads) == group])) for m in matched])
+    kept = np.concatenate([_others(m, group) for m in matched])
+    U, e, r = U[kept], change[kept], r[kept]
+    beside = np.linalg.solve(np.eye(U.shape[1]) + U.T @ U, U.T @ np.column_stack([e, r]))
+    power, shown = e @ (np.column_stack([e, r]) - U @ beside)
+    if power <= 0.0:
+        return None
+    return Astray(group, float(shown / power), float(power ** -0.5), float(shown - power / 2.0))
+
+
+def _others(m, group):
+    """(N,) True for rows that are no marker on a pad of the group."""
+    optical = m.recorded.prepared.evidence.get(OPTICAL)
+    theirs = _on(optical, group) if optical is not None else ()
+    return np.array([not (row.kind == OPTICAL and row.channel in theirs)
+                     for row in m.observables.rows], dtype=bool)
+
+
+def _on(optical, pads):
+    return tuple(optical.names[k] for pad in pads for k in optical.on(pad))
+
+
+def unled(recorded, found):
+    """The Recorded without what markers say that go astray; these are not compared any more.
+
+    found : Astray each. Each such marker becomes a finding without a term.
+    """
+    kept, added, gone = list(recorded.structure.findings), [], []
+    for one in found:
+        theirs = [f for f in kept if _by_markers_on(one.pads, f, recorded.prepared.evidence.pads)]
+        if theirs:
+            kept = [f for f in kept if f not in theirs]
+            strays = [t for t in recorded.structure.pads if t.pad in one.pads]
+            added += [_finding(recorded, travel, one) for travel in strays]
+            gone += [travel.marker for travel in strays]
+    if not gone:
+        return recorded
+    return replace(recorded, structure=replace(recorded.structure, findings=(*added, *kept)),
+                   states=unseen(recorded.states, OPTICAL, gone))
+
+
+def _by_markers_on(pads, finding, names):
+    """True if a Finding says how some of these pads go, by the markers on them."""
+    told = told_of(term_of(finding), names) if finding.term in TOLD else ()
+    return bool(told) and set(told) <= set(pads)
+
+
+def _finding(recorded, travel, one):
+    """That the marker of a pad_travel.PadTravel goes another way than its pad, an Astray."""
+    off = np.array([travel.gain[0], *travel.tilt])
+    size = float(np.linalg.norm(off))
+    return Finding(OPTICAL, travel.marker, None, '', size, '1', 0.0,
+                   float(np.sqrt(2.0 * one.lead)), *map(float, recorded.prepared.evidence.span),
+                   f'The marker on {travel.pad} departs from the push by {100.0 * size:.0f} % of '
+                   'it, but tissue and forces answer as to a pad that goes as the scene says'
+                   f'{_turn(recorded, travel, off)}. Neither a gain nor a direction of its push; '
+                   'the marker was not compared with the model.')
+
+
+def _turn(recorded, travel, off):
+    """How fast a pad turns whose marker departs so, in words; '' if a turn does not do that."""
+    optical = recorded.prepared.evidence.get(OPTICAL)
+    pad = next(pad for pad in recorded.prepared.evidence.scene.pads if pad.name == travel.pad)
+    lever = optical.rest[optical.names.index(travel.marker)] - np.array(pad.centre)
+    aside = travel.frame.T @ off
+    length, size = np.linalg.norm(lever), np.linalg.norm(aside)
+    if abs(lever @ aside) > ACROSS * length * size:
+        return ''
+    return (f': so does one on a pad that turns by {np.degrees(1e-3 * size / length):.2f} deg per '
+            'mm of its travel about its own centre')
