@@ -247,7 +247,7 @@ def test_a_marker_that_turns_by_itself_is_no_gain_and_no_direction_of_its_pad(re
 
 
 def test_a_gain_and_a_direction_that_a_pad_has_are_both_named(record):
-    """As large as a turn of its marker would make them; tissue that stiffens beside does not gainsay them."""
+    """As large as a turn of its marker would make them, in tissue that stiffens besides."""
     entries = ({'name': 'pad_misplacement', 'tilt_up_deg': 8.0, 'pads': ['pad_1']},
                {'name': 'actuator_gain', 'gain': -0.1, 'actuators': [0]}, STIFFENING)
     d = diagnose((record(entries),), source(), meshes=MESHES).diagnosis
