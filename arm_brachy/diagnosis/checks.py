@@ -18,6 +18,21 @@ LEAST_MOTION = 5.0      # standard deviations, of a body without pads
 MEDIAN_CHI2 = 0.4549    # of a squared standard normal
 
 
+def refuse_twice(evidences):
+    """Raise RecordingError if two evidence.Evidence are one recording: every value is the same.
+
+    It would count twice, or be tested on what it was fitted to.
+    """
+    for (i, one), (j, other) in combinations(enumerate(evidences, start=1), 2):
+        if one.streams.keys() == other.streams.keys() and all(
+                np.array_equal(stream.values, other.streams[kind].values, equal_nan=True)
+                for kind, stream in one.streams.items()):
+            raise RecordingError(
+                f'{other.name}: recordings {i} and {j} of {len(evidences)} hold the same values '
+                f'in every stream; each must be given once, as fitted, held out or null: leave '
+                'one out')
+
+
 def refuse_empty(name, streams):
     """Raise RecordingError if no stream was recorded that a model could be held against."""
     if not set(streams) - {ENCODER}:

@@ -15,6 +15,7 @@ from arm_brachy.diagnosis import conclude
 from arm_brachy.diagnosis.asking import asked
 from arm_brachy.diagnosis.astray import astray, unled
 from arm_brachy.diagnosis.blur import FINER, cut_rims, with_mesh
+from arm_brachy.diagnosis.checks import refuse_twice
 from arm_brachy.diagnosis.diagnosis import Diagnosis
 from arm_brachy.diagnosis.figures import body_of
 from arm_brachy.diagnosis.forward import ForwardModel
@@ -75,12 +76,13 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     progress : called with (step of STEPS, share done 0 to 1), or None
     accuracy : model_error.Accuracy;  calibration : finding.Calibration
     meshes : mesh_errors.EnsembleOptions; None = defaults, here as there
-    Raises InputError and its kin for what cannot be compared, NotConverged where the model has no
-    state.
+    Raises InputError and its kin for what cannot be compared or is there twice, NotConverged where
+    the model has no state.
     Test: diagnosis/test_diagnose.py
     """
     say = progress or (lambda step, share: None)
     evidences, held_out, null = tuple(evidences), tuple(held_out), tuple(null)
+    refuse_twice((*evidences, *held_out, *null))
     if is_free(evidences[0].scene):
         return Answer(*free_answer(evidences, provenance, held_out,
                                    lambda share: say(STEPS[2], share)))

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Marker
 from arm_brachy.diagnosis import evidence as module
+from arm_brachy.diagnosis.checks import refuse_twice
 from arm_brachy.diagnosis.evidence import evidence_of, load_evidence
 from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, Stream, thinned
 from arm_brachy.evaluation.timeseries import EmSamples, RunData, Series, Tissue
@@ -227,6 +228,16 @@ def test_nothing_that_moves_is_refused_with_a_sample_lost_as_well(run, scene):
     values[5] = np.nan
     with pytest.raises(RecordingError, match='no pad travels'):
         evidence_of(replace(run, encoder=Series(run.encoder.t, values)), scene)
+
+
+def test_a_recording_given_twice_is_refused(laboratory, run, scene):
+    """Whatever it is called; another one of the same pushes is another recording."""
+    one, again = evidence_of(run, scene), evidence_of(replace(run, name='copy'), scene)
+    other = evidence_of(laboratory((), 4).record([(np.array([6e-3, 0, 0]), 0.02, 0.5),
+                                                  (np.zeros(3), 0.02, 0.5)]), scene)
+    refuse_twice((one, other))
+    with pytest.raises(RecordingError, match='^copy: recordings 1 and 3 of 3 hold the same'):
+        refuse_twice((one, other, again))
 
 
 def test_nothing_recorded_is_refused(run, scene):
