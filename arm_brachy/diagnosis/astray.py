@@ -16,7 +16,7 @@ from arm_brachy.diagnosis.finding import Finding
 from arm_brachy.diagnosis.given import term_of
 from arm_brachy.diagnosis.states import unseen
 from arm_brachy.diagnosis.stream import OPTICAL
-from arm_brachy.diagnosis.tolerances import change_without
+from arm_brachy.diagnosis.tolerances import change_by
 
 TOLD = ('actuator_gain', 'actuator_compliance', 'pad_misplacement')     # by markers on pads
 NEAR = 0.5      # of all of it, as far as which tissue and forces may show another share
@@ -38,20 +38,20 @@ class Astray:
     lead: float
 
 
-def astray(matched):
+def astray(matched, opened):
     """Astray of every group of pads whose markers tissue and forces gainsay; a tuple.
 
-    matched : matched.Matched with what markers say in their models, of one body
-    The motion without that is played to all streams but the markers on those pads, beside
+    matched : matched.Matched with what markers are certain of in their models, of one body
+    opened : per Matched the terms that they found and are not certain of: not in its model
+    The motion without all that is played to all streams but the markers on those pads, beside
     nuisances and errors of the mesh. Valid where what else is missing does less than that.
     Test: diagnosis/test_diagnose.py
     """
     names = matched[0].baseline.model.specimen.pads
-    groups = {told_of(term, names) for m in matched for term in m.baseline.model.terms} - {()}
-    if not groups:
-        return ()
-    U, r = stacked_nuisances(matched)[0], np.concatenate([m.r for m in matched])
-    found = (_asked(matched, U, r, group) for group in sorted(groups))
+    groups = {told_of(term, names) for m, some in zip(matched, opened, strict=True)
+              for term in (*m.baseline.model.terms, *some)} - {()}
+    U = stacked_nuisances(matched)[0] if groups else None
+    found = (_asked(matched, opened, U, group) for group in sorted(groups))
     return tuple(one for one in found if one is not None and one.lead >= Rules().certain
                  and abs(one.share - 1.0) < NEAR)
 
@@ -68,18 +68,26 @@ def told_of(term, names):
     return tuple(names[i] for i in term.actuators) or names
 
 
-def _asked(matched, U, r, group):
+def _asked(matched, opened, U, group):
     """The Astray of a group of pads, None where nothing but their markers shows it."""
-    change = np.concatenate([m.observables.whiten_shift(change_without(m.baseline, [
-        term for term in m.baseline.model.terms
-        if told_of(term, m.baseline.model.specimen.pads) == group])) for m in matched])
+    ways = [_ways(m, some, group) for m, some in zip(matched, opened, strict=True)]
+    e, r = (np.concatenate(some) for some in zip(*ways, strict=True))
     kept = np.concatenate([_others(m, group) for m in matched])
-    U, e, r = U[kept], change[kept], r[kept]
+    U, e, r = U[kept], e[kept], r[kept]
     beside = np.linalg.solve(np.eye(U.shape[1]) + U.T @ U, U.T @ np.column_stack([e, r]))
     power, shown = e @ (np.column_stack([e, r]) - U @ beside)
     if power <= 0.0:
         return None
     return Astray(group, float(shown / power), float(power ** -0.5), float(shown - power / 2.0))
+
+
+def _ways(m, opened, group):
+    """(change (N,) from the way of the markers to the scene's, residual (N,) by the markers)."""
+    names = m.baseline.model.specimen.pads
+    given, more = ([term for term in terms if told_of(term, names) == group]
+                   for terms in (m.baseline.model.terms, opened))
+    added = m.observables.whiten_shift(change_by(m.baseline, more))
+    return -m.observables.whiten_shift(change_by(m.baseline, given)) - added, m.r - added
 
 
 def _others(m, group):

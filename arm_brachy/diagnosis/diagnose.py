@@ -106,7 +106,8 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
 
     fitted = len(looked) + len(sound)
     matched = beside_model(looked, (*sound, *tested))
-    strays = astray(matched[:fitted])
+    strays = astray(matched[:fitted], [given((m.recorded,), beside=looked).open_terms
+                                       for m in matched[:fitted]])
     if strays:
         looked, sound, tested = (tuple(unled(one, strays) for one in some)
                                  for some in (looked, sound, tested))

@@ -30,10 +30,12 @@ class Given:
     @property
     def terms(self):
         """Terms of the certain findings, one each, but for what the states have right already."""
-        kept = {}
-        for finding in (f for f, _ in self.certain if f.term not in PUT_RIGHT):
-            kept.setdefault((finding.term, repr(finding.parameters)), finding)
-        return tuple(map(term_of, kept.values()))
+        return _terms(f for f, _ in self.certain if f.term not in PUT_RIGHT)
+
+    @property
+    def open_terms(self):
+        """Terms of the open findings, one each."""
+        return _terms(f for f, _ in self.open)
 
 
 def given(recorded, known=(), beside=()):
@@ -77,6 +79,14 @@ def _no_news(one, known):
 def _as_large(one, other):
     return _same(one, other) and sigma(np.subtract(one.value, other.value),
                                        np.hypot(one.sd, other.sd)) < ALIKE
+
+
+def _terms(findings):
+    """Terms of findings, each of the same numbers once."""
+    kept = {}
+    for finding in findings:
+        kept.setdefault((finding.term, repr(finding.parameters)), finding)
+    return tuple(map(term_of, kept.values()))
 
 
 def term_of(finding):

@@ -84,17 +84,18 @@ def given_errors(baseline, terms):
                                     for kind in parts[0]})
 
 
-def change_without(baseline, terms):
-    """Change of every observable, kind -> (n, c, 3), without terms that a Baseline has.
+def change_by(baseline, terms):
+    """Change of every observable, kind -> (n, c, 3), by terms, whether a Baseline has them or not.
 
     To first order, by the responses about what is there.
     """
     changes = [change for term in terms for _, change in _effects(baseline, term)]
-    return {kind: -sum(change[kind] for change in changes)[..., 0] for kind in baseline.shown}
+    return {kind: sum((change[kind][..., 0] for change in changes), np.zeros_like(shown))
+            for kind, shown in baseline.shown.items()}
 
 
 def _effects(baseline, term):
-    """(Strength, its effect kind -> (n, c, 3, 1)) of each strength of a term that is there."""
+    """(Strength, its effect kind -> (n, c, 3, 1)) of each strength of a term."""
     one = _as_hypothesis(term)
     response = respond(baseline, one)
     for k, strength in enumerate(one.strengths):

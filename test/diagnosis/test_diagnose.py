@@ -246,6 +246,22 @@ def test_a_marker_that_turns_by_itself_is_no_gain_and_no_direction_of_its_pad(re
     assert float(told[1]) == pytest.approx(1.5, rel=0.05)
 
 
+@pytest.mark.parametrize('legs', [PUSHES, PUSHES[:1] * 4], ids=['certain', 'yield or gain'])
+def test_a_marker_on_a_post_that_bends_is_no_yield_of_its_pad(record, legs):
+    """Its motion falls short in proportion to force, as a yielding actuator's would."""
+    evidence = record(legs=legs)
+    optical, force = evidence.get(OPTICAL), evidence.get(FORCE)
+    k, = optical.on('pad_1')
+    values = optical.values.copy()
+    axis = evidence.directions[0]
+    values[:, k] += 2e-4 * np.outer(force.values[:, 0] @ axis, axis)
+    bent = replace(evidence, streams={**evidence.streams, OPTICAL: replace(optical,
+                                                                           values=values)})
+    d = diagnose((bent,), source(), meshes=MESHES).diagnosis
+    assert d.verdict == 'unexplained' and d.causes == ()
+    assert (OPTICAL, 'pad_1') in {(place.stream, place.channel) for place in d.where}
+
+
 def test_a_gain_and_a_direction_that_a_pad_has_are_both_named(record):
     """As large as a turn of its marker would make them, in tissue that stiffens besides."""
     entries = ({'name': 'pad_misplacement', 'tilt_up_deg': 8.0, 'pads': ['pad_1']},
