@@ -87,6 +87,11 @@ class Finding:
     slack: float = 0.0
     errors: dict = field(default_factory=dict)
 
+    @property
+    def nameless(self):
+        """True if it is a departure from the model that no term says; silence [s] is none."""
+        return self.term is None and self.unit != 's'
+
 
 def threshold(tests, dof=1):
     """z above which one of `tests` tests is a finding; `dof` components make up its chi^2."""

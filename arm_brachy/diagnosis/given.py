@@ -55,7 +55,7 @@ def given(recorded, known=(), beside=()):
             if any(_as_large(finding, other) for other in sure):
                 finding = replace(finding, rivals=())
             if finding.term is None:
-                nameless += [(finding, one.name)] if finding.unit != 's' else []
+                nameless += [(finding, one.name)] if finding.nameless else []
             elif finding.term in SEEN_BETTER or finding.rivals:
                 open_.append((finding, one.name))
             else:

@@ -21,9 +21,13 @@ MM = 1e3
 
 
 def verdict(diagnosis):
-    """The verdict of a Diagnosis in one sentence."""
-    return {'named': _named, 'nothing_missing': _nothing, 'equivalent': _equivalent,
+    """The verdict of a Diagnosis in one sentence, and one for each finding without a name."""
+    line = {'named': _named, 'nothing_missing': _nothing, 'equivalent': _equivalent,
             'unexplained': _unexplained}[diagnosis.verdict](diagnosis)
+    if diagnosis.verdict == 'nothing_missing':      # a sound recording shows them as well
+        return line
+    return ' '.join([line, *dict.fromkeys(
+        one.statement for one in diagnosis.findings if one.nameless)])
 
 
 def _named(d):

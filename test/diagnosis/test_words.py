@@ -9,6 +9,7 @@ import pytest
 from arm_brachy.control.moves import Move, PadTarget
 from arm_brachy.diagnosis import wording, words
 from arm_brachy.diagnosis.cause import Cause
+from arm_brachy.diagnosis.finding import Finding
 from arm_brachy.diagnosis.statements import (
     Alternative,
     Interval,
@@ -40,6 +41,15 @@ PROMISES = re.compile(r'\b(powerful|advanced|robust|novel|accurate|smart|perhaps
 ])
 def test_a_verdict_is_one_sentence(answers, name, said):
     assert words.verdict(answers[name]) == said
+
+
+def test_what_no_term_says_is_told_with_the_verdict_and_silence_is_not(answers):
+    d = answers['unexplained']
+    turning = Finding('optical', 'pad_1', None, '', 0.34, '1', 0.0, 24.6, 0.0, 62.0,
+                      'The marker on pad_1 turns.')
+    silent = replace(turning, unit='s', statement='The marker on pad_1 is silent.')
+    said = words.verdict(replace(d, findings=(turning, silent, turning)))
+    assert said == f'{words.verdict(d)} The marker on pad_1 turns.'
 
 
 def test_what_comes_nearest_is_told_and_not_claimed(answers):
