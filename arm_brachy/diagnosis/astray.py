@@ -93,13 +93,9 @@ def _ways(m, opened, group):
 def _others(m, group):
     """(N,) True for rows that are no marker on a pad of the group."""
     optical = m.recorded.prepared.evidence.get(OPTICAL)
-    theirs = _on(optical, group) if optical is not None else ()
+    theirs = optical.named(*group) if optical is not None else ()
     return np.array([not (row.kind == OPTICAL and row.channel in theirs)
                      for row in m.observables.rows], dtype=bool)
-
-
-def _on(optical, pads):
-    return tuple(optical.names[k] for pad in pads for k in optical.on(pad))
 
 
 def unled(recorded, found):
@@ -112,13 +108,14 @@ def unled(recorded, found):
         theirs = [f for f in kept if _by_markers_on(one.pads, f, recorded.prepared.evidence.pads)]
         if theirs:
             kept = [f for f in kept if f not in theirs]
-            strays = [t for t in recorded.structure.pads if t.pad in one.pads]
-            added += [_finding(recorded, travel, one) for travel in strays]
-            gone += [travel.marker for travel in strays]
+            added += [_finding(recorded, travel, one) for travel in recorded.structure.pads
+                      if travel.pad in one.pads]
+            gone += one.pads
     if not gone:
         return recorded
+    optical = recorded.prepared.evidence.get(OPTICAL)
     return replace(recorded, structure=replace(recorded.structure, findings=(*added, *kept)),
-                   states=unseen(recorded.states, OPTICAL, gone))
+                   states=unseen(recorded.states, OPTICAL, optical.named(*gone)))
 
 
 def _by_markers_on(pads, finding, names):

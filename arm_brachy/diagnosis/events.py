@@ -76,10 +76,10 @@ def event_findings(prepared, events, frames, follows):
     frames : marker on a pad -> (3, 3) frame of its push, `pad_travel.push_frame`
     follows : (pad, t [s], shortfall [m]) -> (share, error) of the answer that tissue and forces
         show to a pad that stands short, see `consequence`
-    Most optical markers, base among them: tracker or bench. A pad's marker along its push: lost
-    steps if the rest of the body follows, a slipped marker if it does not, either if nothing
-    tells. A marker alone: it slipped. Several tissue markers, or a force with them: something
-    touched the body.
+    Most optical markers, base among them: tracker or bench. A pad's marker along its push, all of
+    them where there are several: lost steps if the rest of the body follows, a slipped marker if
+    it does not, either if nothing tells. A marker alone: it slipped. Several tissue markers, or a
+    force with them: something touched the body.
     Test: diagnosis/structural/test_events.py
     """
     return tuple(_judge(prepared, event, frames, follows) for event in events)
@@ -95,8 +95,11 @@ def _judge(prepared, event, frames, follows):
                         f"{_names(event)} jump to each other's place at {event.t:.2f} s: they "
                         'have exchanged names.')
     on_pads = event.on(*prepared.evidence.pads)
-    if len(on_pads) == 1 and not event.on(BASE):
-        return _pad(prepared, event, on_pads[0], frames[on_pads[0].channel], follows)
+    if len({jump.body for jump in on_pads}) == 1 and not event.on(BASE):
+        lead = max(on_pads, key=lambda j: j.z)
+        if len(on_pads) == 1 and len(stream.on(lead.body)) > 1:
+            return _slip(prepared, event, lead)     # the others on its pad do not jump
+        return _pad(prepared, event, lead, frames[lead.channel], follows)
     if len(optical) == 1 and not event.of(FORCE):
         return _slip(prepared, event, optical[0])
     if not optical:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from arm_brachy.diagnosis.kinds import kinds_of
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.prepared import Prepared, prepare
-from arm_brachy.diagnosis.states import LIMIT, LoadStates, load_states, without
-from arm_brachy.diagnosis.stream import ENCODER
+from arm_brachy.diagnosis.states import LIMIT, LoadStates, load_states, unseen, without
+from arm_brachy.diagnosis.stream import ENCODER, OPTICAL
 from arm_brachy.diagnosis.structural import Structure, structure_of
 from arm_brachy.diagnosis.transmission import Path
 
@@ -49,6 +49,9 @@ def look(evidence, *, limit=LIMIT, devices=None, calibration=None, noise=None):
     even = _put_right(prepared, structure.pads)
     events = {sum(onset) / 2.0 for onset in onsets}
     states = without(load_states(even, late, limit, rhythm, events), jumps)
+    if structure.turning:
+        optical = evidence.get(OPTICAL)
+        states = unseen(states, OPTICAL, optical.named(*structure.turning))
     return Recorded(prepared, structure, states, kinds_of(states, evidence.pads))
 
 

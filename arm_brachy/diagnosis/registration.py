@@ -43,10 +43,10 @@ def register(evidence, placement):
     """Registration of the optical stream of an Evidence; None without one.
 
     placement : [m] standard deviation per axis of a marker's place on base or pad
-    Fitted to the markers on base and pads if three or more were seen at rest, for these the scene
-    knows better than those on tissue, without any that is far off; else to all. A recording that
-    begins with a push is fitted to its base markers alone. Where these are too few, base and pads
-    are fitted wherever the encoders say that they are.
+    Fitted to the markers on base and pads (those on one pad by their middle) if there are three or
+    more at rest, for these the scene knows better than those on tissue, without any that is far
+    off; else to all. A recording that begins with a push is fitted to its base markers alone.
+    Where these are too few, base and pads are fitted wherever the encoders say that they are.
     """
     optical = evidence.get(OPTICAL)
     if optical is None:
@@ -58,8 +58,8 @@ def register(evidence, placement):
     rest[seen] = np.nanmean(part.values[:, seen], axis=0)
     hard = (BASE,) if span is None else (BASE, *evidence.pads)
     for index in (optical.on(*hard), np.arange(len(seen)) if span is not None else []):
-        index = np.array([i for i in index if seen[i]], dtype=int)
-        index, fit = _sound_fit(rest, optical.rest, index, placement)
+        bodies = _bodies(optical, [i for i in index if seen[i]], evidence.pads)
+        index, fit = _sound_fit(rest, optical.rest, bodies, placement)
         if fit is not None:
             break
     else:
@@ -78,7 +78,15 @@ def _fit_along_the_way(evidence, optical, placement):
         return [], None
     found = np.nanmean(optical.values, axis=0)
     wanted = np.nanmean(_carried(evidence, optical), axis=0)
-    return _sound_fit(found, wanted, optical.on(BASE, *evidence.pads), placement)
+    bodies = _bodies(optical, optical.on(BASE, *evidence.pads), evidence.pads)
+    return _sound_fit(found, wanted, bodies, placement)
+
+
+def _bodies(optical, index, pads):
+    """Arrays of channels that are off together if at all: those on one pad, every other alone."""
+    owner = {i: optical.bodies[i] if optical.bodies[i] in pads else i for i in index}
+    return [np.array([i for i in index if owner[i] == one]) for one in dict.fromkeys(
+        owner.values())]
 
 
 def _at_home(evidence, optical, placement):
@@ -102,18 +110,23 @@ def _carried(evidence, optical):
     return places
 
 
-def _sound_fit(found, wanted, index, placement):
-    """(indices kept, RigidFit or None); the marker that fits worst is left out while it is odd."""
-    fit = _fit(found[index], wanted[index])
-    while fit is not None and len(index) > FEWEST:
-        rest = np.delete(index, int(np.argmax(fit.residual)))
+def _sound_fit(found, wanted, bodies, placement):
+    """(indices kept, RigidFit or None); the body that fits worst is left out while it is odd.
+
+    bodies : arrays of markers; the middle of each counts, so that no pad has several votes
+    """
+    found, wanted = (np.array([points[body].mean(axis=0) for body in bodies]).reshape(-1, 3)
+                     for points in (found, wanted))
+    kept, fit = np.arange(len(bodies)), _fit(found, wanted)
+    while fit is not None and len(kept) > FEWEST:
+        worst = kept[int(np.argmax(fit.residual))]
+        rest = kept[kept != worst]
         better = _fit(found[rest], wanted[rest])
-        worst = index[int(np.argmax(fit.residual))]
         if better is None or np.linalg.norm(better.apply(found[worst]) - wanted[worst]) < (
                 ODD * placement):
             break
-        index, fit = rest, better
-    return index, fit
+        kept, fit = rest, better
+    return [i for k in kept for i in bodies[k]], fit
 
 
 def rest_span(evidence):

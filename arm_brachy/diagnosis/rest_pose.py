@@ -113,24 +113,52 @@ def exchanged_findings(prepared):
 
 
 def pad_place_findings(prepared):
-    """Findings about pads that at rest sit beside their place in the scene.
+    """Findings about pads that at rest sit beside their place in the scene, and their markers.
 
-    Along the push a marker may be off because the pad touches elsewhere, which is no fault.
+    Along the push a marker may be off because the pad touches elsewhere, which is no fault. Of one
+    marker on a pad nothing tells whether it is the pad or the marker that sits elsewhere; of
+    several that are off alike it is the pad, of several that are not each that is off.
     """
     evidence, registration = prepared.evidence, prepared.registration
-    optical, out = evidence.get(OPTICAL), []
     if registration is None or registration.span is None or not registration.on:
         return ()
+    out = []
     for pad, direction in zip(evidence.pads, evidence.directions, strict=True):
-        frame = push_frame(direction)
-        for k in optical.on(pad):
-            aside = frame[1:] @ (registration.rest[k] - optical.rest[k])
-            z = sigma(aside, 0.0, prepared.calibration.placement)
-            if z > threshold(len(evidence.pads), 2):
-                out.append(Finding(
-                    OPTICAL, optical.names[k], 'pad_misplacement', 'up', float(aside[0]), 'm',
-                    prepared.calibration.placement, z, *registration.span,
-                    f'At rest the marker on {pad} sits {1e3 * np.hypot(*aside):.1f} mm beside its '
-                    'place: pad or marker.', rivals=('marker_slip',), parameters={
-                        'up': float(aside[0]), 'side': float(aside[1]), 'pads': (pad,)}))
+        out += _places_on(prepared, pad, push_frame(direction))
     return tuple(out)
+
+
+def _places_on(prepared, pad, frame):
+    """Findings about one pad and the markers on it."""
+    optical, placement = prepared.evidence.get(OPTICAL), prepared.calibration.placement
+    limit = threshold(len(prepared.evidence.pads), 2)
+    off = {optical.names[k]: frame @ (prepared.registration.rest[k] - optical.rest[k])
+           for k in optical.on(pad)}
+    off = {name: way for name, way in off.items() if np.isfinite(way).all()}
+    odd = {name: z for name, way in off.items()
+           if (z := sigma(way[1:], 0.0, placement)) > limit}
+    if not odd:
+        return []
+    middle = np.mean(list(off.values()), axis=0)
+    if any(sigma(way[1:] - middle[1:], 0.0, placement) > limit for way in off.values()):
+        return [_marker_aside(prepared, name, frame.T @ off[name], z) for name, z in odd.items()]
+    lead = max(odd, key=odd.get)
+    several = len(off) > 1
+    return [Finding(
+        OPTICAL, lead, 'pad_misplacement', 'up', float(middle[1]), 'm',
+        placement / np.sqrt(len(off)), odd[lead], *prepared.registration.span,
+        f'At rest the {"markers" if several else "marker"} on {pad} '
+        f'{"sit" if several else "sits"} {1e3 * np.hypot(*middle[1:]):.1f} mm beside '
+        f'{"their places" if several else "its place: pad or marker"}.',
+        rivals=() if several else ('marker_slip',), parameters={
+            'up': float(middle[1]), 'side': float(middle[2]), 'pads': (pad,)})]
+
+
+def _marker_aside(prepared, name, off, z):
+    """That one of several markers on a pad sits off [m] (3,) its place, the others do not."""
+    start = float(prepared.registration.span[0])
+    return Finding(OPTICAL, name, 'marker_slip', 'offset', off, 'm',
+                   prepared.calibration.placement, z, *prepared.registration.span,
+                   f'At rest {name} sits {1e3 * np.linalg.norm(off):.1f} mm off its place, other '
+                   'markers on its pad do not.',
+                   parameters={'marker': name, 'onset': start, 'offset': tuple(map(float, off))})

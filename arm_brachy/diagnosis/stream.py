@@ -37,6 +37,10 @@ class Stream:
         """Indices (int array) of the channels that sit on one of `bodies`."""
         return np.array([i for i, body in enumerate(self.bodies) if body in bodies], dtype=int)
 
+    def named(self, *bodies):
+        """Names of the channels that sit on one of `bodies`."""
+        return tuple(self.names[i] for i in self.on(*bodies))
+
     def channels(self, index):
         """The stream with only the channels in `index`."""
         index = np.asarray(index, dtype=int)

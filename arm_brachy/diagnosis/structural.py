@@ -22,6 +22,7 @@ from arm_brachy.diagnosis.gaps import gap_findings
 from arm_brachy.diagnosis.jumps import Jump, jumps
 from arm_brachy.diagnosis.merge import merge
 from arm_brachy.diagnosis.pad_travel import pad_travels
+from arm_brachy.diagnosis.pad_turns import one_each
 from arm_brachy.diagnosis.rest_pose import em_findings, exchanged_findings, pad_place_findings
 from arm_brachy.diagnosis.rhythm import rhythm_findings
 from arm_brachy.diagnosis.stream import ENCODER, OPTICAL
@@ -32,13 +33,15 @@ class Structure:
     """What was found in one recording without a tissue model.
 
     findings : Finding each, faults only, largest z first
-    pads : pad_travel.PadTravel of every marker on a moving pad
+    pads : pad_travel.PadTravel of every moving pad with a marker
     clocks : kind of stream -> clocks.Lateness against the encoders
+    turning : names of the pads that turn as they go, which their markers show
     """
 
     findings: tuple
     pads: tuple
     clocks: dict
+    turning: tuple = ()
 
     def late(self, kind):
         """Delay [s] of a stream's stamps against the encoders; 0 where it could not be told."""
@@ -52,7 +55,7 @@ def structure_of(prepared):
     """
     found = [*gap_findings(prepared), *exchanged_findings(prepared), *em_findings(prepared),
              *pad_place_findings(prepared), *balance_findings(prepared)]
-    pads, clocks, events = (), {}, ()
+    pads, clocks, events, turning = (), {}, (), {}
     if prepared.motion is not None:
         tests = channels(prepared)
         if prepared.registration is not None:
@@ -62,6 +65,8 @@ def structure_of(prepared):
                                         prepared.noise[OPTICAL].rounding))
         frames = {one.marker: one.frame for one in pads}
         pads, at_pads = _themselves(prepared, pads)
+        pads, turning = one_each(prepared, pads)
+        found += turning.values()
         travel = played(prepared, pads)
         clocks = clocks_of(prepared, pads, travel)
         found += clock_findings(prepared, clocks)
@@ -76,7 +81,7 @@ def structure_of(prepared):
         found += rhythm_findings(prepared, travel, late.get(OPTICAL, 0.0), times)
     found += base_findings(prepared, events)
     merged = merge(found, prepared.evidence.pads, [one.pad for one in pads])
-    return Structure(tuple(sorted(merged, key=lambda f: -f.z)), pads, clocks)
+    return Structure(tuple(sorted(merged, key=lambda f: -f.z)), pads, clocks, tuple(turning))
 
 
 def channels(prepared):

@@ -4,6 +4,7 @@ No tissue solver takes part. A marker follows every pad with a weight that falls
 a little more than in proportion; a pad is pushed back by k q + k2 q^2, part of which relaxes.
 """
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -85,9 +86,14 @@ class Laboratory:
     """Runs a protocol and records it; terms of the registry act in the devices."""
 
     def __init__(self, terms=(), seed=1, *, relaxing=RELAXING, stiffening=STIFFENING,
-                 optical=None, em=None, force=None, disturb=None):
-        """disturb : (t, names, points (k, 3)) -> points, what happens to the scene itself."""
-        self.scene, self._relaxing, self._stiffening = make_scene(), relaxing, stiffening
+                 optical=None, em=None, force=None, disturb=None, markers=()):
+        """disturb : (t, names, points (k, 3)) -> points, what happens to the scene itself
+
+        markers : Marker each, besides those of the scene
+        """
+        scene = make_scene()
+        self.scene = replace(scene, markers=(*scene.markers, *markers))
+        self._relaxing, self._stiffening = relaxing, stiffening
         rng = np.random.default_rng(seed)
         by = split(terms)
         self.directions = pad_directions(self.scene)
