@@ -15,6 +15,8 @@ MISSHAPEN = 0.15        # of the markers' rms distance from their middle, left b
 FEWEST_READ = 10        # samples of all encoders at one time
 LEAST_TRAVEL = 0.02     # of the radius of a pad
 LEAST_MOTION = 5.0      # standard deviations, of a body without pads
+SHORTEST, LONGEST = 0.5, 43200.0    # s, of a recording: 60 s in milliseconds are 17 h
+RAREST = 5.0            # s between the samples of the fastest stream
 MEDIAN_CHI2 = 0.4549    # of a squared standard normal
 
 
@@ -53,6 +55,24 @@ def refuse_lost_encoders(name, streams):
             f'{name}: the travel of all pads together is known at {together} times, at least '
             f'{FEWEST_READ} are needed; least is known of {worst}: mend the import of the '
             'encoders')
+
+
+def refuse_wrong_time(name, streams):
+    """Raise RecordingError if stamps are in no seconds: too long, too short, or hardly any sample.
+
+    streams : Stream each. A push protocol takes minutes; what settles by itself takes seconds.
+    """
+    streams = [s for s in streams if len(s.t) > 1]
+    if not streams:
+        return
+    span = max(s.t[-1] - s.t[0] for s in streams)
+    period = min(s.period for s in streams)
+    if SHORTEST <= span <= LONGEST and period <= RAREST:
+        return
+    raise RecordingError(
+        f'{name}: lasts {span:.3g} s with a sample every {period:.3g} s at best; must be '
+        f'{SHORTEST:g} s to {LONGEST / 3600.0:g} h with one every {RAREST:g} s at least: mend the '
+        'unit of time in the import, or cut the recording')
 
 
 def refuse_wrong_units(name, streams, scene):

@@ -119,6 +119,7 @@ def evidence_of(run, scene, *, samples=SAMPLES, zero=None):
         s, 0.0 if s.kind == FORCE else speed, notes).seen() for s in found]
     if any(s is not None for s in found):
         found = from_zero(found, notes, zero)
+        checks.refuse_wrong_time(run.name, [s for s in found if s is not None])
     *found, base = (None if s is None else _fit_in(s, samples, notes) for s in found)
     streams = {s.kind: s for s in found if s is not None}
     checks.refuse_empty(run.name, streams)

@@ -167,6 +167,17 @@ def test_units_wrong_by_a_thousand_are_refused(run, scene, kind, factor, word):
     assert '\n' not in str(error.value)
 
 
+@pytest.mark.parametrize('factor', [1e3, 1e6, 1e-3], ids=['ms', 'us', 'ks'])
+def test_a_unit_of_time_that_is_wrong_is_refused(run, scene, factor):
+    """All streams alike: nothing else would tell."""
+    def later(series):
+        return replace(series, t=factor * series.t)
+    other = replace(run, encoder=later(run.encoder), force=later(run.force),
+                    optical=later(run.optical), em={k: later(s) for k, s in run.em.items()})
+    with pytest.raises(RecordingError, match='mend the unit of time in the import'):
+        evidence_of(other, scene)
+
+
 def test_another_scene_is_refused_by_its_names(run, scene):
     others = tuple(replace(m, name=f'x{m.name}') for m in scene.markers)
     with pytest.raises(RecordingError, match='has the optical markers .* scene formulas knows'):
