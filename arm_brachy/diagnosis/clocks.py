@@ -45,7 +45,7 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     elsewhere. None as well where the estimate does not settle, or beyond WIDEST.
     Test: diagnosis/structural/test_clocks.py
     """
-    inside = (stream.t >= travel[0][0]) & (stream.t <= travel[0][-1])
+    inside = heard(stream, travel)
     t, valid = stream.t[inside], stream.valid[inside]
     often = np.flatnonzero(valid.sum(axis=0) >= FEWEST)
     if not len(often) or len(t) < FEWEST:
@@ -69,6 +69,12 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     c = stream.values.shape[2]
     names = tuple(stream.names[often[i]] for i in np.flatnonzero(asked.reshape(-1, c).any(axis=1)))
     return Lateness(float(late), float(error), names)
+
+
+def heard(stream, travel):
+    """(n,) True for samples of a Stream within the time of `travel` that hold anything at all."""
+    inside = (stream.t >= travel[0][0]) & (stream.t <= travel[0][-1])
+    return inside & stream.valid.any(axis=1)
 
 
 def series_of(t, values, valid, sd):

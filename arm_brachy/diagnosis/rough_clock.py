@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from arm_brachy.diagnosis.clocks import FEWEST, PACE, WIDEST, Following, series_of
+from arm_brachy.diagnosis.clocks import FEWEST, PACE, WIDEST, Following, heard, series_of
 from arm_brachy.diagnosis.colour import MEDIAN_CHI2, Colour
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE
@@ -63,7 +63,7 @@ def far_off(stream, travel, touch, *, memory):
     series counts by how many times less is left of it, and most have to agree: one marker that
     jumps far away leads nobody.
     """
-    inside = (stream.t >= travel[0][0]) & (stream.t <= travel[0][-1])
+    inside = heard(stream, travel)
     t, values, valid = stream.t[inside], stream.values[inside], stream.valid[inside]
     often = np.flatnonzero(valid.sum(axis=0) >= FEWEST)
     if not len(often):
