@@ -12,6 +12,7 @@ from arm_brachy.diagnosis import checks
 from arm_brachy.diagnosis.blind import without_blind
 from arm_brachy.diagnosis.held import once
 from arm_brachy.diagnosis.rough_clock import on_one_clock
+from arm_brachy.diagnosis.saturation import unsaturated
 from arm_brachy.diagnosis.spikes import fastest, without_spikes
 from arm_brachy.diagnosis.stamps import from_zero, in_order, session_zero, together
 from arm_brachy.diagnosis.stream import (
@@ -116,6 +117,7 @@ def evidence_of(run, scene, *, samples=SAMPLES, zero=None):
              _em(run, scene, notes), base]
     found = [None if s is None else once(together(in_order(s, run.name, notes), notes), notes)
              for s in found]
+    found = [s if s is None or s.kind != FORCE else unsaturated(s, notes) for s in found]
     speed = fastest(found[0])
     found = [s if s is None or s.kind == ENCODER else without_spikes(
         s, 0.0 if s.kind == FORCE else speed, notes).seen() for s in found]
