@@ -10,6 +10,7 @@ import numpy as np
 
 from arm_brachy.diagnosis.stream import ENCODER
 
+FEWEST = 20         # readings that tell
 REPEATED = 0.1      # of the samples, for a stream to be one that repeats
 LONG, RARE = 2.0, 0.05      # runs that are so many medians long (and one more) hold so few samples
 ALL = 0.9           # of the channels that change with a new reading; by coarse counts some do
@@ -30,7 +31,8 @@ def once(stream, notes):
             stream.valid[1:] != stream.valid[:-1], axis=1)
     runs = np.diff(np.append(np.flatnonzero(fresh), len(fresh)))
     told = _encoders_repeat if stream.kind == ENCODER else _all_repeat
-    if fresh.mean() > 1.0 - REPEATED or not told(stream, fresh, runs):
+    if (fresh.mean() > 1.0 - REPEATED or fresh.sum() < FEWEST
+            or not told(stream, fresh, runs)):
         return stream
     kept = _phase_locked(fresh, int(np.median(runs))) if stream.kind == ENCODER else fresh
     period = float(np.median(np.diff(stream.t[kept])))

@@ -48,6 +48,18 @@ def test_a_cause_that_leaves_ten_times_the_noise_is_none():
     assert stood_back(given, lambda one: fits(0.05, 0.99 * MISSED * 0.01)) is given
 
 
+def test_a_cause_that_predicts_hardly_better_than_the_scene_as_given_is_none():
+    """Where that is the noise it may: what was given then was good."""
+    given = Decision('named', 'one')
+
+    def left(named, noise):
+        return [StreamFit('optical', 0.10, 0.20, noise, named)]
+
+    assert stood_back(given, lambda one: left(0.098, 0.02)).nearest == 'one'
+    assert stood_back(given, lambda one: left(0.090, 0.02)) is given
+    assert stood_back(given, lambda one: left(0.098, 0.06)) is given
+
+
 def test_nothing_is_asked_of_no_claim():
     given = Decision('nothing_missing')
     assert stood_back(given, lambda one: pytest.fail('asked')) is given
