@@ -131,9 +131,9 @@ def _finding(recorded, travel, one):
     return Finding(OPTICAL, travel.marker, None, '', size, '1', 0.0,
                    float(np.sqrt(2.0 * one.lead)), *map(float, recorded.prepared.evidence.span),
                    f'The marker on {travel.pad} departs from the push by {100.0 * size:.0f} % of '
-                   'it, but tissue and forces answer as to a pad that goes as the scene says'
-                   f'{_turn(recorded, travel, off)}. Neither a gain nor a direction of its push; '
-                   'the marker was not compared with the model.')
+                   'it, but tissue and forces answer as to a pad that goes as the scene says: '
+                   f'{_turn(recorded, travel, off)}neither a gain nor a direction of its push. It '
+                   'was not compared with the model.')
 
 
 def _turn(recorded, travel, off):
@@ -143,7 +143,8 @@ def _turn(recorded, travel, off):
     lever = optical.rest[optical.names.index(travel.marker)] - np.array(pad.centre)
     aside = travel.frame.T @ off
     length, size = np.linalg.norm(lever), np.linalg.norm(aside)
-    if abs(lever @ aside) > ACROSS * length * size:
+    if length == 0.0 or abs(lever @ aside) > ACROSS * length * size:
         return ''
-    return (f': so does one on a pad that turns by {np.degrees(1e-3 * size / length):.2f} deg per '
-            'mm of its travel about its own centre')
+    rate = np.degrees(1e-3 * size / length)
+    return (f'it moves as on a pad that turns by {rate:.2f} deg per mm of its travel about its '
+            'centre, ')
