@@ -15,7 +15,7 @@ REPEATED = 0.1      # of the samples, for a stream to be one that repeats
 LONG, RARE = 2.0, 0.05      # runs that are so many medians long (and one more) hold so few samples
 ALL = 0.9           # of the channels that change with a new reading; by coarse counts some do
 STEADY = 0.9        # of the encoders' runs on the move that are of one length, give or take one
-UNEVEN = 2.5        # times the smallest of their steps that the largest are: no count's
+UNEVEN = 2.5        # times the smallest of their steps that large ones are: no single counts
 
 
 def once(stream, notes):
@@ -53,14 +53,15 @@ def _all_repeat(stream, fresh, runs):
 
 
 def _encoders_repeat(stream, fresh, runs):
-    """True if on the move runs are of one length at any speed, as those of counts are not."""
+    """True if on the move runs are of one length, at steps of many counts."""
     typical = int(np.median(runs))
     moving = runs[runs <= LONG * typical + 1.0]
     new = np.flatnonzero(fresh)[1:]
-    steps = np.nanmax(np.abs(stream.values[new] - stream.values[new - 1]), axis=(1, 2))
-    low, high = np.nanquantile(steps, (0.1, 0.9))
+    both = stream.valid[new] & stream.valid[new - 1]
+    steps = np.where(both, np.abs(stream.values[new] - stream.values[new - 1])[..., 0], 0.0)
+    steps = steps.max(axis=1)[steps.any(axis=1)]
     return (typical > 1 and np.mean(np.abs(moving - typical) <= 1) >= STEADY
-            and high > UNEVEN * low)
+            and len(steps) > 0 and np.quantile(steps, 0.9) > UNEVEN * steps.min())
 
 
 def _phase_locked(fresh, every):

@@ -40,6 +40,14 @@ def test_each_reading_is_kept_at_its_first_stamp(kind, components, every):
     assert np.array_equal(found.values, values[::every])
 
 
+def test_one_speed_is_enough():
+    """Counts of 5 um, read every 0.1 s at 4 mm/s."""
+    path = np.interp(T, [0, 2.03, 4.03, 6.01, 8.01, 30], [0, 0, 8, 8, 0, 0])
+    counts = np.round(np.stack([path, 0.5 * path], axis=1)[..., None] / 5e-3) * 5e-3
+    notes = []
+    assert once(stream(ENCODER, held(counts, 10)), notes).t == pytest.approx(T[::10]) and notes
+
+
 def test_encoders_that_stand_keep_a_sample_per_reading():
     """Without noise nothing changes there; what was written last before a move is no reading."""
     values, notes = moving(1, np.random.default_rng(1)), []
