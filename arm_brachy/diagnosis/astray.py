@@ -103,19 +103,20 @@ def unled(recorded, found):
 
     found : Astray each. Each such marker becomes a finding without a term.
     """
-    kept, added, gone = list(recorded.structure.findings), [], []
-    for one in found:
-        theirs = [f for f in kept if _by_markers_on(one.pads, f, recorded.prepared.evidence.pads)]
-        if theirs:
-            kept = [f for f in kept if f not in theirs]
-            added += [_finding(recorded, travel, one) for travel in recorded.structure.pads
-                      if travel.pad in one.pads]
-            gone += one.pads
+    names, kept, added, gone = recorded.prepared.evidence.pads, [], [], []
+    for finding in recorded.structure.findings:
+        led = [one for one in found if _by_markers_on(one.pads, finding, names)]
+        kept += [] if led else [finding]
+        gone += [one for one in led if one not in gone]
     if not gone:
         return recorded
+    for one in gone:
+        added += [_finding(recorded, travel, one) for travel in recorded.structure.pads
+                  if travel.pad in one.pads]
     optical = recorded.prepared.evidence.get(OPTICAL)
+    theirs = optical.named(*(pad for one in gone for pad in one.pads))
     return replace(recorded, structure=replace(recorded.structure, findings=(*added, *kept)),
-                   states=unseen(recorded.states, OPTICAL, optical.named(*gone)))
+                   states=unseen(recorded.states, OPTICAL, theirs))
 
 
 def _by_markers_on(pads, finding, names):

@@ -96,23 +96,17 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     specimen, ratio = _specimen((*looked, *sound), evidences[0].scene)
     ensemble = ensemble_of(ForwardModel(specimen), stream(provenance.seed, 'meshes'), meshes)
 
-    def beside_model(looked, others):
-        every, out = (*looked, *others), []
+    def matches(looked, every):
+        """Matched of every Recorded, with what those of `looked` are certain of."""
+        out = []
         for one in every:
             out.append(match(one, specimen, ensemble, given((one,), beside=looked).terms,
                              calibration=calibration, accuracy=accuracy, several=len(every) > 1))
             say(STEPS[1], len(out) / len(every))
         return out
 
-    fitted = len(looked) + len(sound)
-    matched = beside_model(looked, (*sound, *tested))
-    strays = astray(matched[:fitted], [given((m.recorded,), beside=looked).open_terms
-                                       for m in matched[:fitted]])
-    if strays:
-        looked, sound, tested = (tuple(unled(one, strays) for one in some)
-                                 for some in (looked, sound, tested))
-        matched = beside_model(looked, (*sound, *tested))
-    tests, matched = matched[fitted:], matched[:fitted]
+    looked, sound, tested, matched = _led_by_pads(looked, sound, tested, matches)
+    tests, matched = matched[len(looked) + len(sound):], matched[:len(looked) + len(sound)]
     found = given(looked, [f for one in sound for f in one.structure.findings], beside=looked)
     occasions = occasions_of(looked)
     tried = try_all(matched, occasions, lambda done, of, name: say(STEPS[2], done / of))
@@ -158,6 +152,21 @@ def _specimen(recorded, scene):
     if better is scene:
         return specimen, 1.0
     return specimen_of(better, specimen.mesh), ratio
+
+
+def _led_by_pads(looked, sound, tested, matches):
+    """The three groups of Recorded, and Matched each, without markers that go astray from pads.
+
+    matches : (looked, all three) -> Matched each. Held out recordings do not say which go astray.
+    """
+    matched = matches(looked, (*looked, *sound, *tested))
+    fitted = matched[:len(looked) + len(sound)]
+    strays = astray(fitted, [given((m.recorded,), beside=looked).open_terms for m in fitted])
+    if not strays:
+        return looked, sound, tested, matched
+    looked, sound, tested = (tuple(unled(one, strays) for one in some)
+                             for some in (looked, sound, tested))
+    return looked, sound, tested, matches(looked, (*looked, *sound, *tested))
 
 
 def _recordings(looked, tested, sound):

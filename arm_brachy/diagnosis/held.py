@@ -25,10 +25,9 @@ def once(stream, notes):
     what tells is that runs of the same reading are equally long, whatever goes on. Encoders keep
     a sample per reading while they stand.
     """
-    fresh = np.ones(len(stream.t), dtype=bool)
-    fresh[1:] = np.any(np.where(stream.valid[1:, :, None], stream.values[1:], 0.0) != np.where(
-        stream.valid[:-1, :, None], stream.values[:-1], 0.0), axis=(1, 2)) | np.any(
-            stream.valid[1:] != stream.valid[:-1], axis=1)
+    same = (stream.values[1:] == stream.values[:-1]) | ~(
+        stream.valid[1:] | stream.valid[:-1])[..., None]
+    fresh = np.append(True, ~same.all(axis=(1, 2)))
     runs = np.diff(np.append(np.flatnonzero(fresh), len(fresh)))
     told = _encoders_repeat if stream.kind == ENCODER else _all_repeat
     if (fresh.mean() > 1.0 - REPEATED or fresh.sum() < FEWEST

@@ -89,8 +89,9 @@ def _at_centre(best, turn):
 
 def _finding(prepared, one, turn):
     rate = float(np.linalg.norm(turn.mean[3:]))
+    least = 'at least ' if turn.dof == 2 else ''    # a turn about the line of two does not show
     return Finding(OPTICAL, one.marker, None, '', rate, 'rad/m', float(turn.sd[3:].max()), turn.z,
                    *map(float, prepared.evidence.span),
-                   f'The markers on {one.pad} show that it turns by '
+                   f'The markers on {one.pad} show that it turns by {least}'
                    f'{np.degrees(1e-3 * rate):.2f} deg per mm of its travel, which no term says; '
                    'they were not compared with the model.')

@@ -64,15 +64,17 @@ def test_what_an_actuator_does_is_said_once(clusters, seen, entry, name):
     assert getattr(term, name) == pytest.approx(getattr(planted, name), rel=0.1)
 
 
-@pytest.mark.parametrize('aside', [ASIDE, ASIDE[:1]], ids=['three', 'two'])
-def test_a_pad_that_turns_is_told_with_its_rate_and_is_no_gain(clusters, seen, aside):
+@pytest.mark.parametrize('aside, share, least', [(ASIDE, 1.0, ''), (
+    ASIDE[:1], np.hypot(AXIS[0], AXIS[2]), 'at least ')], ids=['three', 'two along y'])
+def test_a_pad_that_turns_is_told_with_its_rate_and_is_no_gain(clusters, seen, aside, share,
+                                                               least):
+    """Two markers do not show what turns about the line through them."""
     rate = np.radians(1.0) / 1e-3
     one = seen(clusters(rate=rate, aside=aside))
     finding, = one.structure.findings
-    assert finding.nameless and 'pad_0 show that it turns' in finding.statement
-    if len(aside) == 2:
-        assert finding.value == pytest.approx(rate, rel=0.05)
-    assert 0.2 * rate < finding.value < 1.1 * rate      # two markers do not show all of it
+    assert finding.nameless
+    assert f'pad_0 show that it turns by {least}{share:.2f} deg' in finding.statement
+    assert finding.value == pytest.approx(share * rate, rel=0.02)
     theirs = one.prepared.evidence.get(OPTICAL).on('pad_0')
     assert np.isnan(one.states.streams[OPTICAL].values[:, theirs]).all()
     assert given((one,)).terms == ()
