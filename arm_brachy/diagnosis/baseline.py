@@ -12,7 +12,7 @@ import numpy as np
 from arm_brachy.core.errors import ConfigError, InputError, NotConverged
 from arm_brachy.diagnosis.forward import STAGES
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
-from arm_brachy.diagnosis.trajectory import evolve
+from arm_brachy.diagnosis.trajectory import evolve, grid
 from arm_brachy.tissue.contact_pads import touches
 from arm_brachy.tissue.jacobian import Linearisation, pad_translations
 from arm_brachy.tissue.newton import StaticSolver
@@ -107,7 +107,9 @@ class Baseline:
         """The Baseline at some of its states, index (k,), nothing solved for anew."""
         part, index = copy.copy(self), np.asarray(index)
         part.__dict__.pop('shown', None)
-        part.t, part.at = self.t[index], self.at[index]
+        part.t = self.t[index]
+        part.trajectory = self._passing(part.t)
+        part.at = np.searchsorted(part.trajectory.t, part.t)
         part.loosened, part.columns = {}, {}
         part.truth, part.fields = ([some[i] for i in index] for some in (self.truth, self.fields))
         part.forces, part.group = self.forces[index], self.group[index]
@@ -116,6 +118,13 @@ class Baseline:
         part.place = np.unique(self.place[index], return_index=True, return_inverse=True)
         part.place = part.place[1][part.place[2].ravel()]
         return part
+
+    def _passing(self, t):
+        """The trajectory at t (k,) and the times between that lie on the way there."""
+        if len(self.trajectory.t) == len(self.t):
+            return self.trajectory.take(np.searchsorted(self.trajectory.t, t))
+        return self.trajectory.take(
+            np.flatnonzero(np.isin(self.trajectory.t, grid(self.path, t))))
 
     def lasting_fields(self, shift=0.0):
         """n StepFields of steps without end, memories of positions `shift` (nodes, 3) [m] off."""
@@ -164,9 +173,25 @@ class Baseline:
 
     def pads_moved(self, i, moved):
         """Change kind -> (c, 3) at state i by pads moved by (p,) [m] along their directions."""
-        pads = moved[:, None] * self.model.directions
-        change = self.split(np.einsum('rpi,pi->r', self.sensitivity(i).pads, pads))
-        rides, k = self.model.attached.on_pad @ pads, len(self.model.specimen.markers)
+        return self.pads_shifted(i, moved[:, None] * self.model.directions)
+
+    def pads_shifted(self, i, pads):
+        """Change kind -> (c, 3) at state i by pads that are `pads` (p, 3) [m] off, as discs."""
+        return self._with_riders(np.einsum('rpi,pi->r', self.sensitivity(i).pads, pads),
+                                 self.model.attached.on_pad @ pads)
+
+    def pads_turned(self, i, turns):
+        """Change kind -> (c, 3) at state i by pads turned by `turns` (p, 3) [rad] in place."""
+        body, attached, known = self.model.body, self.model.attached, self.sensitivity(i)
+        motion, rides = np.zeros_like(body.mesh.nodes), np.zeros_like(attached.rest)
+        for p, (pad, moved, turn) in enumerate(zip(body.pads, self.pads(i), turns, strict=True)):
+            motion[pad.nodes] = np.cross(turn, self.x(i)[pad.nodes] - (pad.centre + moved))
+            rides += attached.on_pad[:, p:p + 1] * np.cross(turn, attached.rest - pad.centre)
+        return self._with_riders(known.motion @ motion.ravel()[known.held], rides)
+
+    def _with_riders(self, change, rides):
+        """A change (r,) of observables and rides (k + e, 3) [m] of points on pads, by stream."""
+        change, k = self.split(change), len(self.model.specimen.markers)
         return {OPTICAL: change[OPTICAL] + rides[:k], EM: change[EM] + rides[k:],
                 FORCE: change[FORCE]}
 

@@ -63,7 +63,7 @@ class ForwardModel:
 
     terms : instances of the registry's terms, any order
     options : NewtonOptions or None
-    past : carried.Past along which memories are carried, None = states are stepped one by one
+    alike : alongside.Alongside from which steps of memories begin, None = each from the last
     body : SoftBody as its terms prepared it;  body_terms : those that act there
     attached : specimen.Attachment;  directions : (p, 3) in which the pads are pushed
     remembers : True if a state depends on the path to it;  timed : True if on when it is
@@ -72,8 +72,8 @@ class ForwardModel:
     Raises what a term raises that does not fit the body.
     """
 
-    def __init__(self, specimen, terms=(), *, options=None, past=None):
-        self.specimen, self._options, self._past = specimen, options, past
+    def __init__(self, specimen, terms=(), *, options=None, alike=None):
+        self.specimen, self._options, self._alike = specimen, options, alike
         self.terms = tuple(sorted(terms, key=lambda term: TERMS.index(type(term))))
         self._by_stage = split(self.terms)
         self.body_terms = self._by_stage[Stage.BODY]
@@ -111,9 +111,6 @@ class ForwardModel:
         kinks : ask a body without memory for the times between as well
         """
         t = np.unique(t)
-        if self.remembers and self._past is not None:
-            return self._past.trajectory(self.body, self.body_terms, t,
-                                         path.at(t)[:, :, None] * self.directions, self._options)
         return self._states(path, *self._instants(path, t, kinks))
 
     def _instants(self, path, t, kinks):
@@ -125,6 +122,8 @@ class ForwardModel:
 
     def _states(self, path, times, partner):
         pads = path.at(times)[:, :, None] * self.directions
+        if self.remembers and self._alike is not None:
+            return self._alike.trajectory(self.body, self.body_terms, times, pads, self._options)
         if self.remembers:
             return stepped(self.specimen.body, self.body_terms, times, pads, self._options)
         if self.timed:

@@ -39,6 +39,16 @@ def posterior(U, r):
     return Posterior(cho_solve((factor, True), U.T @ r), factor)
 
 
+def weighted(U, X):
+    """Return C^-1 X (n, k) or (n,), C = I + U U', by the matrix inversion lemma."""
+    return X - U @ posterior(U, X).mean
+
+
+def square(U, effect):
+    """Return e' C^-1 e of an effect e (n,): its size beside everything else, squared."""
+    return float(effect @ weighted(U, effect))
+
+
 def log_density(U, r):
     """Return log p(r), r (n,) ~ N(0, I + U U'), by the matrix inversion lemma.
 

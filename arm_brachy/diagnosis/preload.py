@@ -10,8 +10,8 @@ Test: diagnosis/forward/test_preload.py
 import numpy as np
 
 from arm_brachy.core.errors import NotConverged
+from arm_brachy.diagnosis.alongside import Alongside
 from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.carried import Past
 from arm_brachy.diagnosis.forward import STAGES, ForwardModel
 from arm_brachy.diagnosis.rates import same_fields
 from arm_brachy.diagnosis.recording_fit import STATICS
@@ -33,7 +33,7 @@ def preload(data, terms, touch):
     """
     plain, terms = data.baseline, (*data.terms, *terms)
     model = ForwardModel(data.specimen, terms, options=STATICS,
-                         past=Past(plain.trajectory, plain.model.body.mesh.nodes))
+                         alike=Alongside(plain.trajectory, plain.model.body.mesh.nodes))
     if rebuilt(plain.model.body, model.body) or not _changes(model, plain.trajectory):
         return np.zeros((len(data.observables.rows), len(model.body.pads)))
     changed, columns = Baseline(model, data.encoder, data.t, lasting=True), []

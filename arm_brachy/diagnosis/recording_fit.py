@@ -10,16 +10,18 @@ import numpy as np
 
 from arm_brachy.core.errors import NotConverged
 from arm_brachy.core.term import Stage
+from arm_brachy.diagnosis.alongside import Alongside
 from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.carried import Past
 from arm_brachy.diagnosis.forward import STAGES, ForwardModel
 from arm_brachy.diagnosis.hypotheses import LOOSENING
+from arm_brachy.diagnosis.inference import square
 from arm_brachy.diagnosis.observables import Observables, channels_of
 from arm_brachy.diagnosis.responses import (
     body_change,
     loosened_change,
     sensing_change,
     supported_change,
+    together,
     transmission_change,
 )
 from arm_brachy.diagnosis.slip import NEAR
@@ -30,6 +32,10 @@ from arm_brachy.tissue.contact_pads import touches
 from arm_brachy.tissue.newton import NewtonOptions
 
 STATICS = NewtonOptions(tolerance=1e-8)     # m: a hundredth of what any tracker averages to
+# Of what terms do to a recording, the part that their tangents may have wrong where they lead the
+# fit: every full run then leaves that part of the step before it open.
+BENT = 0.1
+STEPS = NewtonOptions(tolerance=1e-7)       # m: of these no differences are taken
 
 
 @dataclass(frozen=True)
@@ -65,17 +71,21 @@ class Data:
 class RecordingFit:
     """Predictions of one Data and their derivatives.
 
-    terms : what is to be fitted, at any values: those that act on sensors alone share one
-        Baseline, those with memory the motion without them; pads that they loosen are condensed
-        to their faces (`slip`)
-    runs : forward runs made;  carries : True if memories follow that motion
-    plain : (N,) residual without the terms, None unless `carries`
+    terms : what is to be fitted, where the fit starts: those that act on sensors alone share one
+        Baseline; pads that they loosen are condensed to their faces (`slip`)
+    runs : forward runs made
+    beside : Baseline of the model without the terms, by whose adjoints all predictions are made
+        and to which `correct` adds what a full run is more; None = all are full runs. Memories
+        are answered so, and what bends by less than BENT where the fit starts.
+    open : how large all that is, and the effect of the terms, squared, over the noise beside
+        nuisances; infinite before memories were run
     Raises NotConverged for memories beside pads that touch.
     """
 
     def __init__(self, data, terms):
-        self.data, self.runs, self.plain = data, 0, None
-        self._added, self._still, self._past = {}, None, None
+        self.data, self.runs = data, 0
+        self._added, self._still, self.beside, self.open = {}, None, None, (0.0, 0.0)
+        self._memories = False
         self._last = None   # equilibria of the model before, from which those of the next begin
         self._bonded = None     # (terms, Baseline) of the model before whose pads come loose
         if data.baseline is not None:
@@ -91,14 +101,26 @@ class RecordingFit:
                 raise NotConverged('memories beside pads that touch ask for a run with contact '
                                    'at every step: it takes hours')
         elif whole.remembers:
-            plain = self._plain()
-            self._past = Past(plain.trajectory, plain.model.body.mesh.nodes)
-            self.plain = data.residual(plain.shown)
+            self.beside, self.open, self._memories = self._plain(), (np.inf, 1.0), True
+        else:
+            self._led_if_straight(whole, terms)
 
-    @property
-    def carries(self):
-        """True if memories are carried along the motion without the terms."""
-        return self._past is not None
+    def _led_if_straight(self, whole, terms):
+        """Take the way of `beside` if terms do to first order what `whole` has them do in full."""
+        plain = self.data.baseline
+        if plain is None or not all(_has_tangent(plain.model, term) for term in terms):
+            return
+        full = self._run(whole)
+        if full is None:
+            return
+        self.beside = plain
+        self._add(full, self._to_first_order(terms))
+        self._leave_if_bent()
+
+    def _leave_if_bent(self):
+        """Have all predictions be full runs from now on where tangents have too much wrong."""
+        if self.open[0] > BENT**2 * self.open[1]:
+            self.beside, self.open, self._added = None, (0.0, 0.0), {}
 
     def _plain(self):
         """The Baseline of the model without the terms."""
@@ -106,11 +128,10 @@ class RecordingFit:
             return self.data.baseline
         return Baseline(self.model(()), self.data.encoder, self.data.t)
 
-    def model(self, terms, *, carried=True):
-        """The ForwardModel with terms besides the known ones, memories carried or stepped."""
+    def model(self, terms):
+        """The ForwardModel with terms besides the known ones."""
         self.runs += 1
-        model = ForwardModel(self.data.specimen, (*self.data.terms, *terms), options=STATICS,
-                             past=self._past if carried else None)
+        model = ForwardModel(self.data.specimen, (*self.data.terms, *terms), options=STATICS)
         if model.equilibria is not None:
             if self._last is not None:
                 model.equilibria.begin_from(self._last)
@@ -122,6 +143,8 @@ class RecordingFit:
         terms = self.data.present(terms)
         if self._still is not None:
             return self._still.model, self._offset(self._sensed(terms))
+        if self.beside is not None:
+            return self.beside.model, self._offset(self._to_first_order(terms))
         model = self.model(terms)
         found = self._loosened(terms) if touches(model.body).any() else self._run(model)
         return model, None if found is None else self._offset(found)
@@ -138,21 +161,40 @@ class RecordingFit:
         return found if all(np.isfinite(one).all() for one in found.values()) else None
 
     def correct(self, terms, shown):
-        """Step all memories: from now on that is added to which `shown` with terms lacks.
+        """Run the model in full: from now on that is added to which `shown` with terms lacks.
 
-        shown : as `predicted`. Returns the change of the residual, squared. Raises NotConverged
-        where a stepped run has no state.
+        shown : as `predicted`. Nothing where all predictions are full runs. Raises NotConverged
+        where a state is not found.
         """
-        if not self.carries:
-            return 0.0
-        stepped = self._run(self.model(self.data.present(terms), carried=False))
-        if stepped is None:
-            raise NotConverged('the model, stepped from the start of the recording, has a state '
-                               'that is not found; start from fainter effects')
+        if self.beside is not None:
+            full = self._run(self._in_full(self.data.present(terms)))
+            if full is None:
+                raise NotConverged('the model, run in full, has a state that is not found; start '
+                                   'from fainter effects')
+            self._add(full, shown)
+            if not self._memories:
+                self._leave_if_bent()
+
+    def _add(self, full, shown):
+        """Add from now on what a full run has more than is shown."""
+        residual, U = self.data.residual, self.data.U
         for kind in STAGES:
-            self._added[kind] = self._added.get(kind, 0.0) + stepped[kind] - shown[kind]
-        residual = self.data.residual
-        return float(np.sum(np.square(residual(stepped) - residual(shown))))
+            self._added[kind] = self._added.get(kind, 0.0) + full[kind] - shown[kind]
+        self.open = (square(U, self.data.observables.whiten_shift(self._added)),
+                     square(U, residual(self.beside.shown) - residual(full)))
+
+    def _to_first_order(self, terms):
+        change = together(self.beside, terms)
+        return {kind: self.beside.shown[kind] + change[kind] for kind in STAGES}
+
+    def _in_full(self, terms):
+        """The ForwardModel with terms, memories stepped along the motion without them."""
+        model, plain = self.model(terms), self.beside
+        if not model.remembers:
+            return model
+        return ForwardModel(
+            self.data.specimen, model.terms, options=STEPS,
+            alike=Alongside(plain.trajectory, plain.model.body.mesh.nodes))
 
     def _run(self, model):
         found = model.predict(self.data.encoder, self.data.t)
@@ -174,7 +216,7 @@ class RecordingFit:
         Central differences, one-sided at a limit. Raises NotConverged where a full run fails.
         """
         baseline, changes = None, {}
-        if self._still is None and not touches(model.body).any():
+        if self._still is None and self.beside is None and not touches(model.body).any():
             self.runs += 1
             baseline = Baseline(model, self.data.encoder, self.data.t)
         for number, term in enumerate(now.terms):
@@ -210,6 +252,9 @@ class RecordingFit:
 
     def _change(self, baseline, number, term, leading):
         """Function from terms, one of them varied, to the prediction but for a constant."""
+        if self.beside is not None and term.stage is not Stage.BODY:
+            by = _CHANGES.get(term.stage, sensing_change)
+            return lambda terms: by(self.beside, terms[number])
         if leading and self._condensed(term) is not None:
             return lambda terms: self._condensed(terms[number])
         if baseline is None or not _has_tangent(baseline.model, term):

@@ -17,10 +17,11 @@ value being to its present one what a term is to a model without it; where no ta
 lead the way of supports as long as the steps that they ask for succeed; the end is by full runs.
 Terms that act on sensors alone ask for no tissue solve after the first.
 
-A memory is carried along the motion of the model without the causes (`carried`), at a tenth of
-the cost of stepping. Where the fit has settled, one stepped run says what that leaves out; it is
-added as an offset, and the fit goes on from there, until what the offset may still be off by is
-less than the tolerance.
+Memories are followed along the motion of the model without the causes, and what they do to the
+body is taken from its adjoints there; so is everything that answers nearly in proportion to its
+size. Where the fit has settled, one full run says what that leaves out; it is added as an offset,
+and the fit goes on from there, until what the offset may still be off by is less than the
+tolerance, or an effect turns out to bend too much.
 Test: diagnosis/forward/test_refit.py
 """
 
@@ -33,7 +34,7 @@ from arm_brachy.control.reach import bounded_least_squares
 from arm_brachy.core.errors import ConfigError, InputError, MeshError, NotConverged
 from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.freedom import Space, free_space
-from arm_brachy.diagnosis.inference import posterior
+from arm_brachy.diagnosis.inference import square, weighted
 from arm_brachy.diagnosis.recording_fit import RecordingFit
 
 SUFFICIENT = 0.1    # of the promised descent, for a step to be made
@@ -137,32 +138,33 @@ class _Fit:
         self.led = any(one.may_lead(terms) for one in self.recordings)
 
     def settled(self, start):
-        """Return `minimum`, its predictions those of memories that are stepped.
+        """Return `minimum`, its predictions those of full runs.
 
-        An offset is as wrong as the effect has moved since, relative to the whole effect.
+        What full runs have added goes with the square of an effect: it is twice as wrong as that
+        has moved since, relative to it.
         """
-        found = self.minimum(start)
+        z, found = start, self.minimum(start)
         before = self.before
-        while any(one.carries for one in self.recordings):
-            z, old = found[0].z, found[0].residual
-            offset = self.correct(found[0])
-            found = self.minimum(z)
-            moved = sum(np.sum(np.square(columns @ (found[0].z - z))) for columns in self.columns)
-            effect = sum(np.sum(np.square(one.plain - r))
-                         for one, r in zip(self.recordings, old, strict=True) if one.carries)
-            if 0.5 * offset * moved < self.options.tolerance * effect:
+        while any(one.beside is not None for one in self.recordings):
+            moved = sum(square(one.data.U, columns @ (found[0].z - z))
+                        for one, columns in zip(self.recordings, self.columns, strict=True))
+            added, effect = np.sum([one.open for one in self.recordings], axis=0)
+            left = 2.0 * moved * added / effect
+            if left < self.options.tolerance:
                 break
-            self.refuse_endless(0.5 * offset * moved / effect, False)
+            self.refuse_endless(left, False)
+            self.correct(found[0])
+            z, found = found[0].z, self.minimum(found[0].z)
         self.before = before
         return found
 
     def correct(self, now):
-        """Take what stepping adds at a point as offset; returns its change, squared, over noise.
-
-        Raises NotConverged where a stepped run has no state.
-        """
-        return sum(one.correct(now.terms, shown) for one, shown in zip(
-            self.recordings, now.predicted, strict=True))
+        """Run all recordings in full at a _Point; where that ends tangents' lead, forget them."""
+        led = [one.beside for one in self.recordings]
+        for one, shown in zip(self.recordings, now.predicted, strict=True):
+            one.correct(now.terms, shown)
+        if led != [one.beside for one in self.recordings]:
+            self.columns = ()
 
     def minimum(self, start):
         """Return (_Point, slope (k,) of -F, covariance (k, k) of z) where F is least.
@@ -246,16 +248,16 @@ class _Fit:
         residual = tuple(one.data.residual(p)
                          for one, p in zip(self.recordings, predicted, strict=True))
         cost = 0.5 * z @ z + 0.5 * sum(
-            r @ _weighted(one.data.U, r) for one, r in zip(self.recordings, residual, strict=True))
+            r @ weighted(one.data.U, r) for one, r in zip(self.recordings, residual, strict=True))
         return _Point(z, float(cost), terms, models, predicted, residual)
 
     def model(self, now):
         """(slope of -F (k,), curvature (k, k)) of the quadratic model at a point."""
         slope, curvature = -now.z, np.eye(len(now.z))
         for one, columns, r in zip(self.recordings, self.columns, now.residual, strict=True):
-            weighted = _weighted(one.data.U, columns)
-            slope = slope + weighted.T @ r
-            curvature = curvature + weighted.T @ columns
+            carried = weighted(one.data.U, columns)
+            slope = slope + carried.T @ r
+            curvature = curvature + carried.T @ columns
         return slope, 0.5 * (curvature + curvature.T)
 
     def promise(self, now, slope, curvature, region):
@@ -267,8 +269,3 @@ class _Fit:
             np.maximum(self.space.joined('low') - now.z, -reach),
             np.minimum(self.space.joined('high') - now.z, reach))
         return step, float(slope @ step - 0.5 * step @ curvature @ step)
-
-
-def _weighted(U, X):
-    """C^-1 X by the matrix inversion lemma."""
-    return X - U @ posterior(U, X).mean

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.errors import ConfigError, NotConverged
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.forward import STAGES, ForwardModel
 from arm_brachy.diagnosis.hypothesis import Hypothesis
@@ -25,7 +25,7 @@ from arm_brachy.diagnosis.specimen import attach
 from arm_brachy.diagnosis.stream import EM, OPTICAL
 from arm_brachy.diagnosis.trajectory import Trajectory, evolve, remembers
 from arm_brachy.diagnosis.transmission import Path, transmitted
-from arm_brachy.registry import TERMS
+from arm_brachy.registry import TERMS, split
 from arm_brachy.tissue.contact_pads import touches
 from arm_brachy.tissue.free_dofs import moved_from_rest
 
@@ -105,9 +105,9 @@ def _with(model, *added):
     return tuple(sorted((*model.terms, *added), key=lambda t: TERMS.index(type(t))))
 
 
-def _prepared(model, term):
-    """(SoftBody, body terms) of a model with one more body term."""
-    terms = tuple(t for t in _with(model, term) if t.stage is Stage.BODY)
+def _prepared(model, *added):
+    """(SoftBody, body terms) of a model with more body terms."""
+    terms = tuple(t for t in _with(model, *added) if t.stage is Stage.BODY)
     body = model.specimen.body
     for one in terms:
         body = one.prepare(body)
@@ -148,12 +148,17 @@ def supported_change(baseline, term):
     None where it is more than that, pads touch or something remembers; NaN where no balance is
     found.
     """
+    changes = support_changes(baseline, term)
+    return None if changes is None else _difference(baseline, changes)
+
+
+def support_changes(baseline, term):
+    """`supported_change` of the truth: n dicts kind -> (c, 3), or None."""
     body, terms = _prepared(baseline.model, term)
     if touches(body).any() or remembers(body, terms):
         return None
     changes = interface_change(baseline, body)
-    return None if changes is None else _difference(
-        baseline, [baseline.split(change) for change in changes])
+    return None if changes is None else [baseline.split(change) for change in changes]
 
 
 def loosened_change(baseline, term, near=np.inf, back=0.0):
@@ -179,13 +184,18 @@ def body_change(baseline, term):
     The term may change moduli, loads, the motion of held nodes, the shape at rest and what is
     remembered; which nodes are held, supported or touched it must not (`rebuilt`).
     """
+    return _difference(baseline, body_changes(baseline, (term,)))
+
+
+def body_changes(baseline, added):
+    """`body_change` of the truth by body terms together: n dicts kind -> (c, 3)."""
     model = baseline.model
-    body, terms = _prepared(model, term)
+    body, terms = _prepared(model, *added)
     fractions = _moduli_alone(baseline, body, terms)
     if fractions is not None:
         places = {i: baseline.split(baseline.by_modulus[i] @ fractions)
                   for i in baseline.places()}
-        return _difference(baseline, [places[i] for i in baseline.place.tolist()])
+        return [places[i] for i in baseline.place.tolist()]
     rates, known, changes = Rates(baseline, body), {k: [] for k in baseline.places()}, []
     attached = model.attached if not rates.shift.any() else attach(model.specimen, body)
     for i, fields in _states(baseline, body, terms, rates.shift):
@@ -193,7 +203,7 @@ def body_change(baseline, term):
         if not any(same_fields(fields, other) for other, _ in at):
             at.append((fields, _first_order(baseline, i, body, attached, rates, fields)))
         changes.append(next(change for other, change in at if same_fields(fields, other)))
-    return _difference(baseline, changes)
+    return changes
 
 
 def _first_order(baseline, i, body, attached, rates, fields):
@@ -239,15 +249,19 @@ def _states(baseline, body, terms, shift):
 
 def transmission_change(baseline, term):
     """Return the first-order change kind -> (n, c, 3) by a transmission term at its amplitude."""
+    return _difference(baseline, transmission_changes(baseline, (term,)))
+
+
+def transmission_changes(baseline, added):
+    """`transmission_change` of the truth by terms together: n dicts kind -> (c, 3)."""
     model, encoder = baseline.model, baseline.encoder
     states = baseline.trajectory
     push = -np.einsum('mpi,pi->mp', states.force, model.directions)
     effort = Path(states.t, push).at(encoder.t)
-    path = transmitted(_with(model, term), encoder, effort)
+    path = transmitted(_with(model, *added), encoder, effort)
     before = transmitted(model.terms, encoder, effort)
     moved = path.at(baseline.t) - before.at(baseline.t)
-    return _difference(baseline, [baseline.pads_moved(i, moved[i])
-                                  for i in range(len(baseline.t))])
+    return [baseline.pads_moved(i, moved[i]) for i in range(len(baseline.t))]
 
 
 def sensing_change(baseline, term):
@@ -257,6 +271,28 @@ def sensing_change(baseline, term):
     """
     nothing = [dict.fromkeys(STAGES, 0.0)] * len(baseline.t)
     return _difference(baseline, nothing, (term,))
+
+
+def together(baseline, added):
+    """Return the change kind -> (n, c, 3) by terms of any stage at once, each at its amplitude.
+
+    Forces that tissue terms add are those at the positions of the baseline, in full; what the
+    body gives way to them, to supports and to pads that move is to first order. Raises
+    NotConverged where a support is asked for beside memories of the baseline.
+    """
+    by_stage = split(added)
+    bonded = [t for t in by_stage[Stage.BODY] if not _restructures(baseline, t)]
+    parts = [body_changes(baseline, bonded)] if bonded else []
+    if by_stage[Stage.TRANSMISSION]:
+        parts.append(transmission_changes(baseline, by_stage[Stage.TRANSMISSION]))
+    parts += [support_changes(baseline, t) for t in by_stage[Stage.BODY] if t not in bonded]
+    if any(part is None for part in parts):
+        raise NotConverged('a support beside memories of the model has no answer to first order')
+    nothing = dict.fromkeys(STAGES, 0.0)
+    changes = [{kind: sum(one[kind] for one in (nothing, *state)) for kind in STAGES}
+               for state in zip(*parts, strict=True)] or [nothing] * len(baseline.t)
+    return _difference(baseline, changes, tuple(
+        t for t in added if t.stage in STAGES.values()))
 
 
 def _difference(baseline, changes, added=()):
