@@ -12,6 +12,7 @@ from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.inference import detectability, posterior
 from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.occasion import intervals, shown_in
+from arm_brachy.diagnosis.pad_turn_tests import Turn
 from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.statements import Alternative, Nearest
 from arm_brachy.diagnosis.stream import OPTICAL
@@ -137,7 +138,7 @@ def unexplained(assembly, worst, left):
     of the channel.
     """
     label = assembly.tests[worst]
-    if isinstance(label, Past):
+    if isinstance(label, Past | Turn):
         return places_of_test(label), _times(assembly, assembly.problem.tests[:, worst])
     around = marker_place(assembly.matched[0].baseline.model.specimen.scene,
                           _beyond_noise(assembly, left))
@@ -168,7 +169,7 @@ def _times(assembly, values):
 
 def said_of(label):
     """Sentences on a structured test that stands out, by its label, beside its place; a tuple."""
-    return (label.said,) if isinstance(label, Past) else ()
+    return (label.said,) if isinstance(label, Past | Turn) else ()
 
 
 def alternatives_of(assembly, decision, named=()):

@@ -2,15 +2,16 @@
 
 What a law or a mesh has wrong depends on where the pads are now. What depends besides on what they
 did before comes of neither: fluid that is squeezed out, a gap that opens under a pad, a drive that
-warms, a vessel that stays shut. A channel alone shows little of that. So all of them are held
-against what they would show if, in proportion to what a history of the pushes has left, the tissue
-of a region were stiffer, or a pad went elsewhere.
+warms, an arm that bends, a vessel that stays shut. A channel alone shows little of that. So all of
+them are held against what they would show if, in proportion to what a history of the pushes has
+left, the tissue of a region were stiffer, or a pad went elsewhere, along its push or aside.
 Test: diagnosis/theorems/test_pasts.py
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import null_space
 from scipy.spatial.distance import cdist
 
 from arm_brachy.diagnosis.candidates import interior_places
@@ -21,6 +22,7 @@ from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
 REGIONS = 12                # of tissue, of about equal volume
 MEMORIES = (2.0, 6.0, 20.0)     # s: slower than a push, faster than a recording
 LOST = 0.25                 # of the largest push, for a hysteresis of about its size
+WORK = 'memory of {:g} s of the work'   # of a motor, which tissue knows nothing of
 WITHIN = 90.0               # per cent of a region's elements that its radius holds
 
 
@@ -30,12 +32,14 @@ class Past:
 
     history : which;  pad : name of the pad whose pushes that is of, '' = of time
     moved : name of the pad that would go elsewhere, '' = tissue of a region would be stiffer, with
+    aside : True if it would go across its push
     centre : (3,) [m] its middle at rest;  radius : [m] around that, of most of it
     """
 
     history: str
     pad: str = ''
     moved: str = ''
+    aside: bool = False
     centre: tuple | None = None
     radius: float | None = None
 
@@ -43,7 +47,9 @@ class Past:
     def said(self):
         """A sentence on what stands out if this does."""
         goes = f'the {self.history} of the pushes of {self.pad}' if self.pad else 'time'
-        what = f'how far {self.moved} takes the tissue' if self.moved else 'the stiffness there'
+        way = 'aside' if self.aside else 'along'
+        what = f'how far {self.moved} takes the tissue {way}' if self.moved else (
+            'the stiffness there')
         return (f'What stands out most goes with {goes}, as if {what} depended on it. A law or a '
                 'mesh that is wrong would go with where the pads are now.')
 
@@ -54,9 +60,11 @@ def pooled_tests(matched, parts):
     No regions where a model has a memory of its own: its stresses are not linear in the moduli.
     """
     pads, pasts = matched[0].baseline.model.specimen.pads, [_histories(m) for m in matched]
-    names = list(dict.fromkeys(name for past in pasts for name in past))
+    every = list(dict.fromkeys(name for past in pasts for name in past))
     columns, labels = [np.zeros((sum(len(o.rows) for o, _ in parts), 0))], []
     for where, effects in (*_pads_moved(matched), *_regions_stiffer(matched)):
+        mine = pads.index(where['moved']) if 'moved' in where else None
+        names = [(history, pad) for history, pad in every if pad == mine or not _of_work(history)]
         columns.append(np.vstack([
             _in_proportion(effect, past, names, *part)
             for effect, past, part in zip(effects, pasts, parts, strict=True)]))
@@ -75,14 +83,22 @@ def _histories(m):
     out = {('time', -1): (states.t - t[0]) / max(t[-1] - t[0], 1e-9)}
     for i in moving(q, TOUCH).tolist():
         push = q[:, i] / np.abs(q[:, i]).max()
-        past = {f'memory of {time:g} s': memories(states.t, t, push[:, None], time)[:, 0]
-                for time in MEMORIES}
+        gone = np.cumsum(np.abs(np.diff(push, prepend=push[0])))
+        past = {}
+        for time in MEMORIES:
+            kept = memories(states.t, t, np.stack([push, gone], axis=1), time)
+            past[f'memory of {time:g} s'] = kept[:, 0]
+            past[WORK.format(time)] = gone[states.state] - kept[:, 1]
         past['hysteresis'] = play(push, LOST)[states.state]
         past['maximum'] = np.maximum.accumulate(push)[states.state]
         now = push[states.state][:, None] ** np.arange(POWERS[-1] + 1)
         for name, values in past.items():
             out[name, i] = values - now @ np.linalg.lstsq(now, values, rcond=None)[0]
     return out
+
+
+def _of_work(history):
+    return history in map(WORK.format, MEMORIES)
 
 
 def _in_proportion(effect, past, names, observables, kept):
@@ -94,11 +110,16 @@ def _in_proportion(effect, past, names, observables, kept):
 
 
 def _pads_moved(matched):
-    """(where, effect kind -> (n, c, 3) of each Matched) of every pad, along its push."""
-    for i, name in enumerate(matched[0].baseline.model.specimen.pads):
-        yield {'moved': name}, [_stacked(
-            [m.baseline.pads_moved(k, np.eye(m.recorded.states.q.shape[1])[i])
-             for k in range(len(m.baseline.t))]) for m in matched]
+    """(where, effect kind -> (n, c, 3) of each Matched) of every pad, along its push and aside."""
+    model = matched[0].baseline.model
+    for i, name in enumerate(model.specimen.pads):
+        along = model.directions[i]
+        for k, way in enumerate((along, *null_space(along[None]).T)):
+            pads = np.zeros_like(model.directions)
+            pads[i] = way
+            yield {'moved': name, 'aside': k > 0}, [_stacked(
+                [m.baseline.pads_shifted(state, pads) for state in range(len(m.baseline.t))])
+                for m in matched]
 
 
 def _regions_stiffer(matched):

@@ -2,13 +2,14 @@
 
 A channel alone is held against features of what was being done there and then (depth of every
 pad and its square, direction, speed, time, ...). All together they are held against what the
-past may have done to the tissue or to a pad (`pooled_tests`).
+past may have done to the tissue or to a pad (`pooled_tests`), and a pad that turns.
 Test: diagnosis/theorems/test_pasts.py
 """
 
 import numpy as np
 
 from arm_brachy.diagnosis.motion import TOUCH
+from arm_brachy.diagnosis.pad_turn_tests import pad_turn_tests
 from arm_brachy.diagnosis.pooled_tests import pooled_tests
 
 
@@ -16,13 +17,14 @@ def structured_tests(matched, parts=None):
     """Columns (N, m) of all tests of Matched recordings, whitened, and what each is.
 
     parts : (Observables, numbers of the states they hold) for each, None = all that is there
-    Labels are ((kind, channel, axis), feature) or a pooled_tests.Past. Their number and order do
-    not depend on `parts`; what these cannot show is a column of zeros.
+    Labels are ((kind, channel, axis), feature), a pooled_tests.Past or a pad_turn_tests.Turn.
+    Their number and order do not depend on `parts`; what these cannot show is a column of zeros.
     """
     parts = parts or [(m.observables, np.arange(len(m.recorded.states.t))) for m in matched]
     alone, channels = _by_channel(matched, parts)
     together, past = pooled_tests(matched, parts)
-    return np.hstack([alone, together]), (*channels, *past)
+    turned, turns = pad_turn_tests(matched, parts)
+    return np.hstack([alone, together, turned]), (*channels, *past, *turns)
 
 
 def _by_channel(matched, parts):

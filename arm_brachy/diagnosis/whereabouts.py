@@ -4,6 +4,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from arm_brachy.core.term import Kind
+from arm_brachy.diagnosis.pad_turn_tests import Turn
 from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.statements import Place
 
@@ -55,6 +56,8 @@ def places_of_test(label):
 
     Of a history also the pad whose pushes it is of, if that is another place.
     """
+    if isinstance(label, Turn):
+        return (Place(actuator=label.pad),)
     if not isinstance(label, Past):
         (kind, channel, _), _ = label
         return (Place(stream=kind, channel=channel),)

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from arm_brachy.diagnosis.adequacy import scan
+from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.law_error import SPILL, past_errors
 from arm_brachy.diagnosis.pooled_tests import Past
-from arm_brachy.diagnosis.stream import ENCODER
+from arm_brachy.diagnosis.stream import ENCODER, FORCE, OPTICAL
 from arm_brachy.diagnosis.structured_tests import structured_tests
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.diagnosis.whereabouts import places_of_test
+from arm_brachy.tissue.newton import StaticSolver
 
 FILL, LEAK = 6.0, 25.0      # s
 STIFFENING = {'name': 'strain_stiffening', 'ratio': 3.0}
@@ -59,6 +61,49 @@ def test_a_gap_that_fills_shows_as_the_past_of_its_pad(breast, thrice):
     assert worst.moved == 'pad_1' or np.linalg.norm(np.subtract(worst.centre, pad.centre)) < 0.03
     assert any(place.actuator == 'pad_1' for place in places_of_test(worst))
     assert 'of the pushes of pad_1' in worst.said
+
+
+WARM = 8.0          # s in which a motor cools
+
+
+def bent_aside(breast, path, bend):
+    """Evidence of pads along a Path, the first one `bend` (3,) [m] aside as its motor warms."""
+    model = ForwardModel(breast.specimen)
+    solver, gone = StaticSolver(model.body), np.abs(np.diff(path.q[:, 0], prepend=0.0)) / 6e-3
+    x, warmth, shown = model.body.mesh.nodes, 0.0, {OPTICAL: [], FORCE: []}
+    for t, q, work in zip(np.diff(path.t, prepend=0.0), path.q, gone, strict=True):
+        warmth = warmth * np.exp(-t / WARM) + work
+        pads = q[:, None] * model.directions
+        pads[0] += warmth * np.asarray(bend)
+        found = solver.follow(x, solver.held_positions(pads))
+        assert found.outcome.ok
+        x = found.x
+        points = model.attached.points(x, pads, np.zeros(3))
+        shown[OPTICAL].append(points[:len(breast.specimen.markers)])
+        shown[FORCE].append(found.pad_force)
+    plain, recorded = breast.run(path, path.t), breast.record(path)
+    changed = {}
+    for kind, values in shown.items():
+        stream = recorded.streams[kind]
+        every = breast.specimen.markers if kind == OPTICAL else breast.specimen.pads
+        more = np.stack(values) - plain.get(kind)
+        changed[kind] = replace(stream, values=stream.values
+                                + more[:, [every.index(name) for name in stream.names]])
+    return replace(recorded, streams=recorded.streams | changed)
+
+
+def test_an_arm_that_bends_as_its_motor_warms_shows_as_its_pad_aside(breast, thrice):
+    """By tissue and forces alone: no marker on the pad."""
+    fine = np.union1d(thrice.t, np.arange(thrice.t[0], thrice.t[-1], 0.5))
+    path = Path(fine, thrice.at(fine))
+    across = np.cross(ForwardModel(breast.specimen).directions[0], (0.0, 0.0, 1.0))
+    matched = breast.beside(bent_aside(breast, path, 0.15e-3 * across / np.linalg.norm(across)))
+    found, labels = scanned(matched)
+    worst = labels[found.worst]
+    assert found.chance < 1e-3 and isinstance(worst, Past)
+    assert worst.aside and (worst.moved, worst.pad) == ('pad_1', 'pad_1')
+    assert worst.history.endswith('of the work')
+    assert 'pad_1 takes the tissue aside' in worst.said
 
 
 def test_where_nothing_is_missing_no_past_stands_out(breast, thrice):
