@@ -15,6 +15,7 @@ from arm_brachy.diagnosis.rough_clock import on_one_clock
 from arm_brachy.diagnosis.saturation import unsaturated
 from arm_brachy.diagnosis.spikes import fastest, without_spikes
 from arm_brachy.diagnosis.stamps import from_zero, in_order, session_zero, together
+from arm_brachy.diagnosis.steadied import steadied
 from arm_brachy.diagnosis.stream import (
     EM,
     ENCODER,
@@ -132,6 +133,8 @@ def evidence_of(run, scene, *, samples=SAMPLES, zero=None):
     if scene.pads and ENCODER not in streams:
         streams[ENCODER] = _travel_from_markers(run.name, streams, scene, notes)
         checks.refuse_lost_encoders(run.name, streams)
+    if ENCODER in streams:
+        streams[ENCODER] = steadied(streams[ENCODER], notes)
     checks.refuse_apart_in_time(run.name, streams)
     checks.refuse_other_shape(run.name, streams, scene)
     checks.refuse_too_little_motion(run.name, streams, scene)

@@ -31,11 +31,17 @@ def force_findings(prepared, jumps=()):
         return ()
     t = np.array([force.t[rows].mean() for rows in rests])
     fits = [_fit(prepared, force, k, rests, t, jumps) for k in range(len(force.names))]
-    scatter = _scatter(fits)
-    slack = np.hypot(prepared.calibration.force_zero,
-                     prepared.calibration.touch * _stiffness(prepared, force, rests))
+    stiffness = _stiffness(prepared, force, rests)
+    scatter = np.hypot(_scatter(fits), stiffness * _known(prepared, force, rests))
+    slack = np.hypot(prepared.calibration.force_zero, prepared.calibration.touch * stiffness)
     return tuple(found for pad, fit in zip(force.names, fits, strict=True) if fit is not None
                  for found in _findings(prepared, pad, fit, scatter, slack, force.t))
+
+
+def _known(prepared, force, rests):
+    """[m] to which noisy encoders say where the pads are in the shortest of the rests."""
+    shortest = min(np.ptp(force.t[rows]) for rows in rests)
+    return float(prepared.evidence.get(ENCODER).path_error(shortest).max())
 
 
 def _stiffness(prepared, force, rests):

@@ -7,15 +7,16 @@ import numpy as np
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.mesh_errors import NAMES
-from arm_brachy.diagnosis.model_error import timing_errors, with_accuracy
+from arm_brachy.diagnosis.model_error import path_errors, timing_errors, with_accuracy
 from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.observables import Observables, channels_of, measured
 from arm_brachy.diagnosis.recorded import Recorded
+from arm_brachy.diagnosis.stream import ENCODER
 from arm_brachy.diagnosis.tolerances import given_errors, joined, tolerances
 
 SLOW = 1.0          # s, about as long as rests between pushes are
 # Nuisances of one recording alone; all others belong to the set-up and are the same in each.
-OWN = ('frame_', 'zero_em_', 'force_', 'clock_', 'touch_', 'timing_', 'given')
+OWN = ('frame_', 'zero_em_', 'force_', 'clock_', 'touch_', 'timing_', 'path_', 'given')
 
 
 @dataclass
@@ -98,4 +99,6 @@ def match(recorded, specimen, ensemble, terms=(), *, calibration=None, accuracy=
     parts = [nuisances(baseline, calibration, several=several), tolerances(baseline, calibration),
              given_errors(baseline, terms), timing_errors(baseline, recorded, accuracy),
              ensemble.along(baseline)]
+    if recorded.prepared.evidence.get(ENCODER).taken is not None:
+        parts.append(path_errors(baseline, recorded))
     return Matched(recorded, baseline, observables, joined(*parts))

@@ -59,3 +59,23 @@ def timing_errors(baseline, recorded, accuracy=None):
         for kind in values:
             values[kind][i, ..., j] = change[kind]
     return Nuisances(tuple(f'timing_{states.t[i]:.2f}' for i in moving), values)
+
+
+def path_errors(baseline, recorded):
+    """Return Nuisances: where noisy encoders leave every pad in every state, apart from the rest.
+
+    recorded : recorded.Recorded, its encoders steadied. A column per state and pad.
+    """
+    states, encoder = recorded.states, recorded.prepared.evidence.get(ENCODER)
+    pads = baseline.model.specimen.pads
+    sizes = np.array([encoder.path_error(width) for width in states.width])     # (n, channels)
+    which = [(i, c) for i, c in np.argwhere(sizes > 0.0) if encoder.names[c] in pads]
+    values = {kind: np.zeros((*shown.shape, len(which))) for kind, shown in
+              baseline.shown.items()}
+    for j, (i, c) in enumerate(which):
+        moved = np.zeros(len(pads))
+        moved[pads.index(encoder.names[c])] = sizes[i, c]
+        for kind, change in baseline.pads_moved(i, moved).items():
+            values[kind][i, ..., j] = change
+    names = tuple(f'path_{encoder.names[c]}_{states.t[i]:.2f}' for i, c in which)
+    return Nuisances(names, values)

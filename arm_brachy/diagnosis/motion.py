@@ -83,26 +83,29 @@ def motion_of(evidence):
 def corners_of(t, q, tolerance, most=MOST_PIECES):
     """Indices of the samples between which q (n, p) runs straight within `tolerance`.
 
+    tolerance : [m], or (n,) of each sample
     The sample that departs most is made a corner until none departs by more, or `most` pieces are
     reached: top-down insertion after Douglas & Peucker 1973, Cartographica 10:112.
     """
     corners, queue = [0, len(t) - 1], []
-    _push(queue, t, q, 0, len(t) - 1)
+    tolerance = np.broadcast_to(tolerance, len(t))
+    _push(queue, t, q, tolerance, 0, len(t) - 1)
     while queue and len(corners) <= most:
         departure, start, worst, end = heapq.heappop(queue)
-        if -departure <= tolerance:
+        if -departure <= 1.0:
             break
         corners.append(worst)
-        _push(queue, t, q, start, worst)
-        _push(queue, t, q, worst, end)
+        _push(queue, t, q, tolerance, start, worst)
+        _push(queue, t, q, tolerance, worst, end)
     return np.array(sorted(set(corners)))
 
 
-def _push(queue, t, q, start, end):
-    """Queue the piece start..end by how far its worst sample departs from the straight line."""
+def _push(queue, t, q, tolerance, start, end):
+    """Queue the piece start..end by how many tolerances its worst sample is off the chord."""
     if end - start < 2:
         return
     f = ((t[start:end + 1] - t[start]) / (t[end] - t[start]))[:, None]
     off = np.abs(q[start:end + 1] - (q[start] + f * (q[end] - q[start]))).max(axis=1)
+    off = off / np.maximum(tolerance[start:end + 1], 1e-300)
     worst = int(np.argmax(off))
     heapq.heappush(queue, (-float(off[worst]), start, start + worst, end))

@@ -92,10 +92,11 @@ def _one(evidence, noise, pad, k, travel, limits):
     frame = push_frame(axis)
     moved = (optical.values[inside, k] - optical.rest[k]) @ frame.T
     force = _push_back(evidence, pad, axis)
-    known = noise.colour, noise.sd[k].mean()
+    known = noise.colour, np.hypot(noise.sd[k].mean(), _as_white(evidence, pad))
     one = _explained(t, moved, valid, travel, force, known, alarm)
     course = _course(t, one, valid, touch)
-    if course is None or course.chance > alarm or course.rms <= even:
+    loud = evidence.get(ENCODER).path_error(0.0)[evidence.get(ENCODER).names.index(pad)]
+    if course is None or course.chance > alarm or course.rms <= np.hypot(even, loud):
         course = None
     else:
         moved[:, 0] -= course.error(one.causes[GAIN])
@@ -109,6 +110,14 @@ def _one(evidence, noise, pad, k, travel, limits):
                      _with_delay(everything, everything, one.delay), choice.rivals, one.steps,
                      _gain(t, one, choice, valid), _stiffness(travel, force), tilt, tilt_sd, frame,
                      course)
+
+
+def _as_white(evidence, pad):
+    """[m] noise of markers that comes to as much in a stand as the encoders' leaves there."""
+    optical, encoder = evidence.get(OPTICAL), evidence.get(ENCODER)
+    if encoder.taken is None:
+        return 0.0
+    return encoder.taken[encoder.names.index(pad)] * np.sqrt(encoder.period / optical.period)
 
 
 def _gain(t, one, choice, valid):

@@ -7,6 +7,7 @@ import numpy as np
 ENCODER, FORCE, OPTICAL, EM = 'encoder', 'force', 'optical', 'em'
 UNITS = {ENCODER: 'm', FORCE: 'N', OPTICAL: 'm', EM: 'm'}
 TISSUE, BASE = 'tissue', 'base'
+ONE_SIDED = 0.5     # of white noise, that straight pieces leave where pads move (test_steadied)
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,7 @@ class Stream:
     values : (n, k, c) SI, world or tracker frame, NaN where not seen;  valid : (n, k)
     bodies : what each channel sits on: TISSUE, BASE or the name of a pad
     rest : (k, c) the scene's positions at rest [m]; zero for encoders and forces
+    taken : (k,) [m] noise that was taken out of encoders (`steadied`), None = of none
     """
 
     kind: str
@@ -27,6 +29,7 @@ class Stream:
     valid: np.ndarray
     bodies: tuple
     rest: np.ndarray
+    taken: np.ndarray | None = None
 
     @property
     def period(self):
@@ -46,7 +49,18 @@ class Stream:
         index = np.asarray(index, dtype=int)
         return replace(self, names=tuple(self.names[i] for i in index),
                        values=self.values[:, index], valid=self.valid[:, index],
-                       bodies=tuple(self.bodies[i] for i in index), rest=self.rest[index])
+                       bodies=tuple(self.bodies[i] for i in index), rest=self.rest[index],
+                       taken=None if self.taken is None else self.taken[index])
+
+    def path_error(self, duration):
+        """(k,) [m] standard deviation of steadied encoders in their mean over `duration` [s].
+
+        Zeros where nothing was taken out. At most ONE_SIDED of the noise: what lines leave of it
+        while pads set out and stop.
+        """
+        if self.taken is None:
+            return np.zeros(len(self.names))
+        return self.taken * min(ONE_SIDED, np.sqrt(self.period / max(duration, self.period)))
 
     def between(self, t_start, t_end):
         """The samples with t_start <= t <= t_end [s]."""
