@@ -7,7 +7,7 @@ import numpy as np
 ENCODER, FORCE, OPTICAL, EM = 'encoder', 'force', 'optical', 'em'
 UNITS = {ENCODER: 'm', FORCE: 'N', OPTICAL: 'm', EM: 'm'}
 TISSUE, BASE = 'tissue', 'base'
-ONE_SIDED = 0.5     # of white noise, that straight pieces leave where pads move (test_steadied)
+REMAINS = 0.5     # of white noise, that straight pieces leave where pads move (test_steadied)
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,12 @@ class Stream:
     def path_error(self, duration):
         """(k,) [m] standard deviation of steadied encoders in their mean over `duration` [s].
 
-        Zeros where nothing was taken out. At most ONE_SIDED of the noise: what lines leave of it
+        Zeros where nothing was taken out. At most REMAINS of the noise: what lines leave of it
         while pads set out and stop.
         """
         if self.taken is None:
             return np.zeros(len(self.names))
-        return self.taken * min(ONE_SIDED, np.sqrt(self.period / max(duration, self.period)))
+        return self.taken * min(REMAINS, np.sqrt(self.period / max(duration, self.period)))
 
     def between(self, t_start, t_end):
         """The samples with t_start <= t <= t_end [s]."""

@@ -9,7 +9,7 @@ from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.motion import FINENESS
 from arm_brachy.diagnosis.recorded import look
 from arm_brachy.diagnosis.steadied import noise_of, steadied
-from arm_brachy.diagnosis.stream import ENCODER, ONE_SIDED, Stream
+from arm_brachy.diagnosis.stream import ENCODER, REMAINS, Stream
 
 T = np.arange(0.0, 60.0, 0.02)
 LOUD = 1e-4         # m
@@ -47,9 +47,9 @@ def test_the_path_is_known_better_than_its_readings(noise):
     found = steadied(stream(true + noise * rng.standard_normal(len(T))), notes)
     off = found.values[:, 0, 0] - true
     assert found.taken[0] == pytest.approx(noise, rel=0.1)
-    assert np.sqrt(np.mean(off**2)) < ONE_SIDED * noise
+    assert np.sqrt(np.mean(off**2)) < REMAINS * noise
     stands = (true == 6e-3) & (np.gradient(true) == 0.0)
-    assert np.sqrt(np.mean(off[stands]**2)) < ONE_SIDED * noise
+    assert np.sqrt(np.mean(off[stands]**2)) < REMAINS * noise
     assert len(notes) == 1 and 'pad_0' in notes[0] and 'noisy' in notes[0]
 
 
@@ -87,7 +87,7 @@ def test_noise_is_that_of_the_readings_whatever_the_motion():
 def test_a_mean_over_a_stand_is_known_by_its_samples():
     given = replace(stream(path()), taken=np.array([LOUD]))
     assert given.path_error(2.0)[0] == pytest.approx(0.1 * LOUD)
-    assert given.path_error(0.0)[0] == pytest.approx(ONE_SIDED * LOUD)
+    assert given.path_error(0.0)[0] == pytest.approx(REMAINS * LOUD)
 
 
 def test_no_cause_is_blamed_for_the_noise_of_encoders(recorded, laboratory):
