@@ -16,7 +16,8 @@ from arm_brachy.diagnosis.tolerances import given_errors, joined, tolerances
 
 SLOW = 1.0          # s, about as long as rests between pushes are
 # Nuisances of one recording alone; all others belong to the set-up and are the same in each.
-OWN = ('frame_', 'zero_em_', 'force_', 'clock_', 'touch_', 'timing_', 'path_', 'given')
+OWN = ('frame_', 'zero_em_', 'force_', 'clock_', 'touch_', 'timing_', 'path_', 'given',
+       'modulus_of_nulls')
 
 
 @dataclass

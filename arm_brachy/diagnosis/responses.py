@@ -280,8 +280,9 @@ def together(baseline, added):
     body gives way to them, to supports and to pads that move is to first order. Raises
     NotConverged where a support is asked for beside memories of the baseline.
     """
-    by_stage = split(added)
-    bonded = [t for t in by_stage[Stage.BODY] if not _restructures(baseline, t)]
+    by_stage, body = split(added), baseline.model.body
+    bonded = [t for t in by_stage[Stage.BODY]   # a support so small that it holds no node is one
+              if not rebuilt(body, _prepared(baseline.model, t)[0])]
     parts = [body_changes(baseline, bonded)] if bonded else []
     if by_stage[Stage.TRANSMISSION]:
         parts.append(transmission_changes(baseline, by_stage[Stage.TRANSMISSION]))

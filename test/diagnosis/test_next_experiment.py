@@ -21,7 +21,7 @@ from arm_brachy.diagnosis.inference import log_density
 from arm_brachy.diagnosis.matched import OWN
 from arm_brachy.diagnosis.next_experiment import next_experiment
 from arm_brachy.diagnosis.nuisances import nuisances
-from arm_brachy.diagnosis.planned import Option, planned
+from arm_brachy.diagnosis.planned import Option, Whitened, planned
 from arm_brachy.diagnosis.responses import respond
 from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.stretches import baselines
@@ -234,3 +234,11 @@ def test_a_stream_that_any_of_the_recordings_has_is_no_new_one(monkeypatch):
     noise, streams = asking.asked(assembly, SimpleNamespace(
         unproven=None, accepted=one, equals=(one,)), None)
     assert set(streams) == {'optical', 'force'} and noise['optical'] == 1 and noise['force'] == 3
+
+
+def test_the_modulus_of_null_recordings_is_no_other_recordings():
+    rng = np.random.default_rng(1)
+    names = ('touch_pad_1', 'modulus', 'modulus_of_nulls')
+    known = Whitened(rng.normal(size=(9, 3)), names, (rng.normal(size=(9, 2)),))
+    shared, products = known.normal()
+    assert shared == ('modulus',) and products.shape == (3, 3)

@@ -17,11 +17,12 @@ from arm_brachy.diagnosis.hypotheses import triable
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.interface import interface_change
 from arm_brachy.diagnosis.rates import Rates
-from arm_brachy.diagnosis.responses import respond
+from arm_brachy.diagnosis.responses import respond, together
 from arm_brachy.registry import TERMS, by_name
 from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.terms.anisotropy import Anisotropy
+from arm_brachy.tissue.terms.base_debond import BaseDebond
 from arm_brachy.tissue.terms.external_force import ExternalForce
 from arm_brachy.tissue.terms.gravity import Gravity
 from arm_brachy.tissue.terms.inclusion import Inclusion
@@ -131,6 +132,27 @@ def test_supports_are_condensed_to_the_nodes_they_act_on(baseline, name, place):
     expected = difference(baseline, (one.alone(0, 1.0),), 1.0)
     found = {kind: values[..., 0] for kind, values in response.values.items()}
     assert error(found, expected) < ACCURACY
+
+
+def test_terms_of_all_stages_together_do_what_a_full_run_has_them_do(linear, encoder):
+    terms = (StiffnessGradient(gradient=(0.0, 1.0, 2.0)), BaseDebond(0.02, (0.02, 0.01, 0.0)),
+             ActuatorGain(gain=0.02, actuators=(0,)), ForceGain(gain=0.05, pads=('pad_1',)))
+    baseline = Baseline(ForwardModel(linear), encoder, STATES)
+    found, full = together(baseline, terms), ForwardModel(linear, terms).predict(encoder, STATES)
+    alone = [together(baseline, (term,)) for term in terms]
+    for kind in ('optical', 'force'):
+        expected = full.get(kind) - baseline.shown[kind]
+        off = np.linalg.norm(found[kind] - expected)
+        assert off < ACCURACY * np.linalg.norm(expected)
+        assert all(np.linalg.norm(one[kind] - expected) > 3.0 * off for one in alone)
+
+
+def test_a_support_that_holds_no_node_does_nothing(linear, encoder):
+    """Whatever was asked of the same class before."""
+    beside = Baseline(ForwardModel(linear), encoder, STATES)
+    respond(beside, hypothesis(BaseDebond, centre=(0.02, 0.01, 0.0)))
+    change = together(beside, (BaseDebond(1e-6, (0.02, 0.01, 0.0)),))
+    assert all(not np.any(values) for values in change.values())
 
 
 def test_an_obstacle_out_of_reach_does_nothing(baseline):
