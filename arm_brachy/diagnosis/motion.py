@@ -2,6 +2,7 @@
 
 import heapq
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from arm_brachy.evaluation.residuals import MAD_TO_SD
 
 FINENESS = 2e-3        # of the largest travel: what a straight piece may leave out
 NOISE = 6.0            # standard deviations of the encoder that make no corner
+ORDERS = (2, 4, 6)     # of differences that tell noise from motion
 MOST_PIECES = 1000
 PUSHED = 0.02          # of the largest travel, but at most regimes.TOUCH
 
@@ -72,12 +74,21 @@ def motion_of(evidence):
     seen = encoder.valid.all(axis=1)
     t, q = encoder.t[seen], encoder.values[seen, :, 0]
     travel = float(np.ptp(q, axis=0).max())
-    second = np.abs(np.diff(q, n=2, axis=0))
-    noise = MAD_TO_SD * float(np.median(second)) / np.sqrt(6.0) if len(second) else 0.0
-    tolerance = max(FINENESS * travel, NOISE * noise)
+    tolerance = max(FINENESS * travel, NOISE * noise_of(q))
     corners = corners_of(t, q, tolerance)
     return Motion(t[corners], q[corners], tolerance,
                   min(TOUCH, max(2.0 * tolerance, PUSHED * travel)))
+
+
+def noise_of(q):
+    """Standard deviation [m] of white noise of readings q (n,) or (n, p), whatever the motion.
+
+    The least that differences of ORDERS say: a motion that is smooth, but coarsely sampled, has
+    large second ones and ever smaller ones beyond; white noise has the same in all.
+    """
+    sizes = {n: np.median(np.abs(np.diff(q, n=n, axis=0))) for n in ORDERS if len(q) > n}
+    return min((MAD_TO_SD * float(size) / np.sqrt(comb(2 * n, n)) for n, size in sizes.items()),
+               default=0.0)
 
 
 def corners_of(t, q, tolerance, most=MOST_PIECES):

@@ -23,6 +23,7 @@ REGIONS = 12                # of tissue, of about equal volume
 MEMORIES = (2.0, 6.0, 20.0)     # s: slower than a push, faster than a recording
 LOST = 0.25                 # of the largest push, for a hysteresis of about its size
 WORK = 'memory of {:g} s of the work'   # of a motor, which tissue knows nothing of
+WORKS = frozenset(map(WORK.format, MEMORIES))
 WITHIN = 90.0               # per cent of a region's elements that its radius holds
 
 
@@ -64,7 +65,7 @@ def pooled_tests(matched, parts):
     columns, labels = [np.zeros((sum(len(o.rows) for o, _ in parts), 0))], []
     for where, effects in (*_pads_moved(matched), *_regions_stiffer(matched)):
         mine = pads.index(where['moved']) if 'moved' in where else None
-        names = [(history, pad) for history, pad in every if pad == mine or not _of_work(history)]
+        names = [(history, pad) for history, pad in every if pad == mine or history not in WORKS]
         columns.append(np.vstack([
             _in_proportion(effect, past, names, *part)
             for effect, past, part in zip(effects, pasts, parts, strict=True)]))
@@ -95,10 +96,6 @@ def _histories(m):
         for name, values in past.items():
             out[name, i] = values - now @ np.linalg.lstsq(now, values, rcond=None)[0]
     return out
-
-
-def _of_work(history):
-    return history in map(WORK.format, MEMORIES)
 
 
 def _in_proportion(effect, past, names, observables, kept):

@@ -36,6 +36,7 @@ from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.freedom import Space, free_space
 from arm_brachy.diagnosis.inference import square, weighted
 from arm_brachy.diagnosis.recording_fit import RecordingFit
+from arm_brachy.tissue.assembly import InvertedElement
 
 SUFFICIENT = 0.1    # of the promised descent, for a step to be made
 GOOD = 0.5          # of it, for a larger one to be tried next
@@ -241,7 +242,7 @@ class _Fit:
             terms = self.space.terms(z)
             models, predicted = zip(*(one.predicted(terms) for one in self.recordings),
                                     strict=True)
-        except (ConfigError, MeshError, NotConverged):  # of this z alone: the region shrinks
+        except (ConfigError, InvertedElement, MeshError, NotConverged):  # of this z alone
             return lost
         if any(one is None for one in predicted):
             return lost

@@ -14,8 +14,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
-from arm_brachy.diagnosis.motion import FINENESS, corners_of
-from arm_brachy.evaluation.residuals import MAD_TO_SD
+from arm_brachy.diagnosis.motion import FINENESS, corners_of, noise_of
 
 QUIET = 2e-5        # m of noise: less was found to do no harm
 WINDOWS = (2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200)    # samples to one side
@@ -43,12 +42,6 @@ def steadied(stream, notes):
     notes.append(f'The encoders of {", ".join(loud)} are noisy: straight pieces through their '
                  'readings were taken for their path.')
     return replace(stream, values=values, taken=taken)
-
-
-def noise_of(q):
-    """Standard deviation [m] of the noise of readings q (n,), whatever the motion."""
-    second = np.abs(np.diff(q, n=2))
-    return MAD_TO_SD * float(np.median(second)) / np.sqrt(6.0) if len(second) else 0.0
 
 
 def _pieces(t, q, noise):

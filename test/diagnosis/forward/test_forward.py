@@ -13,11 +13,12 @@ from arm_brachy.devices.terms.actuator_lag import ActuatorLag
 from arm_brachy.devices.terms.backlash import Backlash
 from arm_brachy.devices.terms.clock_offset import ClockOffset
 from arm_brachy.devices.terms.optical_scale import OpticalScale
+from arm_brachy.diagnosis.alongside import Alongside
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.trajectory import evolve, grid
 from arm_brachy.diagnosis.transmission import Path
-from arm_brachy.tissue.newton import StaticSolver
+from arm_brachy.tissue.newton import NewtonOptions, StaticSolver
 from arm_brachy.tissue.terms.breathing import Breathing
 from arm_brachy.tissue.terms.external_force import ExternalForce
 from arm_brachy.tissue.terms.gravity import Gravity
@@ -171,3 +172,17 @@ def test_what_has_no_forward_model_is_refused(specimen, encoder, coarse_scene):
         specimen_of(replace(coarse_scene(), dynamics='implicit'))
     with pytest.raises(InputError, match='must lie within'):
         ForwardModel(specimen).predict(encoder, np.array([1.0, 99.0]))
+
+
+def test_steps_begun_alongside_another_motion_end_where_plain_ones_do(specimen, encoder):
+    """The motion without the memory; to the solver's tolerance at every step."""
+    plain, terms = ForwardModel(specimen), (Viscoelasticity(g1=0.4, tau1=1.5),)
+    t = np.array([2.0, 5.4, 9.0])
+    path = plain.pad_path(encoder, t)
+    alike = Alongside(plain.trajectory(path, t, kinks=True), plain.body.mesh.nodes)
+    options = NewtonOptions(tolerance=1e-9)
+    found, stepped = (ForwardModel(specimen, terms, options=options, alike=one).trajectory(path, t)
+                      for one in (alike, None))
+    assert np.array_equal(found.t, stepped.t) and found.valid.all()
+    assert np.abs(found.x - stepped.x).max() < 1e-7
+    assert np.abs(found.force - stepped.force).max() < 1e-4 * np.abs(stepped.force).max()

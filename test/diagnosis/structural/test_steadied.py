@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.motion import FINENESS
+from arm_brachy.diagnosis.motion import FINENESS, noise_of
 from arm_brachy.diagnosis.recorded import look
-from arm_brachy.diagnosis.steadied import noise_of, steadied
+from arm_brachy.diagnosis.steadied import steadied
 from arm_brachy.diagnosis.stream import ENCODER, REMAINS, Stream
 
 T = np.arange(0.0, 60.0, 0.02)
@@ -82,6 +82,14 @@ def test_a_pad_beside_a_noisy_one_keeps_its_readings():
 def test_noise_is_that_of_the_readings_whatever_the_motion():
     rng = np.random.default_rng(6)
     assert noise_of(path() + LOUD * rng.standard_normal(len(T))) == pytest.approx(LOUD, rel=0.05)
+
+
+def test_a_smooth_motion_that_is_coarsely_sampled_is_no_noise():
+    """A hertz at 6 mm, 20 readings a second."""
+    t = np.arange(0.0, 60.0, 0.05)
+    given = replace(stream(3e-3 * (1.0 - np.cos(2.0 * np.pi * t))), t=t)
+    notes = []
+    assert steadied(given, notes) is given and not notes
 
 
 def test_a_mean_over_a_stand_is_known_by_its_samples():
