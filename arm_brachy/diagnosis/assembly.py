@@ -1,10 +1,12 @@
 """Recordings and hypotheses as one decide.Problem."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from arm_brachy.diagnosis.beside_nulls import MODULUS, set_up_of
 from arm_brachy.diagnosis.decide import Explanation, Problem
 from arm_brachy.diagnosis.structured_tests import structured_tests
 
@@ -25,6 +27,22 @@ class Assembly:
     tests: tuple
     names: tuple
     sound: int = 0
+
+    @cached_property
+    def suspects(self):
+        """Matched of the recordings that may lack something, the set-up as well known as by all
+        that lack nothing.
+        """
+        return tuple(map(self.put_right, self.matched[:len(self.matched) - self.sound]))
+
+    def put_right(self, m):
+        """A Matched of the same set-up, that as well known as by recordings that lack nothing."""
+        return m if self._set_up is None else self._set_up.put_right(m)
+
+    @cached_property
+    def _set_up(self):
+        nulls = self.matched[len(self.matched) - self.sound:]
+        return set_up_of(nulls, *stacked_nuisances(nulls)) if nulls else None
 
     def hypothesis_of(self, explanation):
         """(Hypothesis, its Responses) of a decide.Explanation."""
@@ -107,8 +125,8 @@ def _with_modulus_of_nulls(matched, sound, shared, names):
     """Shared columns (N, k + 1) and all names, the modulus split between suspects and nulls."""
     null = np.concatenate([np.full(len(m.r), i >= len(matched) - sound)
                            for i, m in enumerate(matched)])
-    column = shared[:, names.index('modulus') - len(names)]
+    column = shared[:, names.index(MODULUS) - len(names)]
     rest = np.where(null, column, 0.0)
     shared = shared.copy()
-    shared[null, names.index('modulus') - len(names)] = 0.0
+    shared[null, names.index(MODULUS) - len(names)] = 0.0
     return np.column_stack([shared, rest]), [*names, 'modulus_of_nulls']

@@ -94,7 +94,7 @@ def errors_of(assembly, fitted, ratio, tests):
     """
     numbers = AS_FOUND if tests else CHORD
     return stream_fits(parts_of(assembly, fitted, ratio, numbers=numbers), [
-        (m.recorded.name, tested_part(m, fitted, ratio)) for m in tests])
+        (m.recorded.name, tested_part(assembly, m, fitted, ratio)) for m in tests])
 
 
 def times_of(assembly, candidate):

@@ -271,11 +271,16 @@ class Judge:
 
         The first that stands out and does not vanish where it is fitted in full; one that is
         nearly as likely where that leaves something and this does not, which tells the two apart.
+        None stands in for a likelier one of which too little is known.
         """
-        first, refuted = None, []
+        first, refuted, ahead = None, [], -np.inf
         for one in ranked[:self.rules.alone]:
-            far = first and first[0].evidence - one.evidence >= self.rules.rival
-            if far or not self._claims(one) or self._gone(one):
+            if ahead - one.evidence >= self.rules.rival or not self._claims(one):
+                continue
+            gone = self._gone(one)
+            if one.weighed or not gone:
+                ahead = max(ahead, one.evidence)
+            if gone:
                 continue
             for way in (one, *self._richer(one)):
                 left = self._check(way)

@@ -48,7 +48,7 @@ class Calibration:
                            high=10.0, source='own choice: glue and slides settle by microns')
     base: float = quantity(0.02, 'mm', 'motion of the base plate, per axis', low=0.0, high=10.0,
                            source='own choice: a bench that gives way a little')
-    restless: float = quantity(0.03, 'mm', 'amplitude of a rhythm', low=0.0, high=10.0,
+    restless: float = quantity(0.02, 'mm', 'amplitude of a rhythm', low=0.0, high=10.0,
                                source='own choice: pumps and footsteps on a laboratory floor')
 
 

@@ -97,7 +97,7 @@ def fit_in_full(assembly, candidate, law):
     says so.
     """
     hypotheses, amplitudes, widths = sizes_of(assembly, candidate)
-    suspects = assembly.matched[:len(assembly.matched) - assembly.sound]
+    suspects = assembly.suspects
     kept = tuple(_kept(m, effect) for m, effect in zip(suspects, _effects(assembly, candidate),
                                                        strict=False))
     data = [replace(without_modulus(m, some), absent=tuple(
@@ -213,7 +213,7 @@ def parts_of(assembly, fitted, ratio, *, numbers=TANGENT):
         (`tested_part`), and the modulus with them is not to be told twice
     """
     out = []
-    for i, m in enumerate(assembly.matched[:len(assembly.matched) - assembly.sound]):
+    for i, (raw, m) in enumerate(zip(assembly.matched, assembly.suspects, strict=False)):
         kept = _kept(m) if fitted is None else fitted.kept[i]
         data = data_of(m, kept)
         kinds = np.array(m.recorded.kinds, dtype=object)[kept][data.observables.states]
@@ -226,7 +226,8 @@ def parts_of(assembly, fitted, ratio, *, numbers=TANGENT):
             named = there + columns @ fitted.refit.z[:columns.shape[1]]
         found = fitted is not None or bool(m.baseline.model.terms)
         plain = _without_terms(m, data.encoder, data.t, shown)
-        out.append(_part(m, data.observables, kinds, data.U, plain, ratio, of_mesh,
+        given = _given(raw.observables.at(kept), plain, ratio)
+        out.append(_part(m, given, data.observables, kinds, data.U, plain, of_mesh,
                          (named, columns, back) if found else ()))
     return out
 
@@ -242,8 +243,9 @@ def _free(numbers, refit, i, effect):
     return columns if numbers == TANGENT else columns[:, :0]
 
 
-def tested_part(m, fitted, ratio):
+def tested_part(assembly, raw, fitted, ratio):
     """held_out.Part of a Matched that was not fitted, with what was found elsewhere."""
+    m = assembly.put_right(raw)
     named = m.observables.residual(m.baseline.shown)
     if fitted is not None and fitted.refit is not None:
         here = (term for term, one in zip(fitted.terms, fitted.hypotheses, strict=True)
@@ -254,13 +256,18 @@ def tested_part(m, fitted, ratio):
         named = m.observables.residual(found)
     found = fitted is not None or bool(m.baseline.model.terms)
     plain = _without_terms(m, m.recorded.path, m.recorded.states.t, m.baseline.shown)
-    return _part(m, m.observables, m.kinds, m.U, plain, ratio, m.of_mesh,
+    given = _given(raw.observables, plain, ratio)
+    return _part(m, given, m.observables, m.kinds, m.U, plain, m.of_mesh,
                  (named, np.zeros((len(named), 0))) if found else ())
 
 
-def _part(m, observables, kinds, U, plain, ratio, of_mesh, found):
+def _given(observables, plain, ratio):
+    """(N,) SI, measured less the scene as it came; plain : what the model shows without a term."""
+    return observables.difference({**plain, FORCE: plain[FORCE] / ratio})
+
+
+def _part(m, given, observables, kinds, U, plain, of_mesh, found):
     """The Part; plain : what the model shows without any term."""
-    given = observables.difference({**plain, FORCE: plain[FORCE] / ratio})
     return Part(observables, kinds, given, observables.residual(plain), U, m.own,
                 np.isin(m.nuisances.names, NAMES),
                 np.array([name.startswith('frame_') for name in m.nuisances.names]), of_mesh,

@@ -72,7 +72,7 @@ class FullFits:
         """The Scan of what the full fit leaves at its states."""
         found = self.of(candidate)
         parts = parts_of(self._assembly, found, 1.0)
-        matched = self._assembly.matched[:len(parts)]
+        matched = self._assembly.suspects
         tests, labels = structured_tests(matched, [
             (part.observables, kept) for part, kept in zip(parts, found.kept, strict=True)])
         law = law_of(found.hypotheses, self._law)
@@ -127,9 +127,11 @@ def _may_be_nothing(strength, estimate):
 def _are_something(refit, number, strengths):
     """True if Strengths of a hypothesis of a refit.Refit cannot all have no effect (90 %).
 
-    Where they have none its place does nothing either: it makes up for none of them.
+    Where they have none its place and its width do nothing either, and make up for none of them:
+    of a lump only the product of size and contrast is known, and a tangent has any contrast, none
+    too, made up for by size.
     """
-    if len(strengths) == 1 or not np.all(np.isfinite([one.neutral for one in strengths])):
+    if not np.all(np.isfinite([one.neutral for one in strengths])):
         return False
     mine = np.flatnonzero(refit.space.owner == number)
     precision = np.linalg.inv(refit.covariance[np.ix_(mine, mine)])

@@ -39,8 +39,8 @@ def gain_over_response(assembly, candidate, found):
     fit, volumes = -found.refit.after, 0.5 * np.linalg.slogdet(found.refit.covariance)[1]
     slope, curvature, responses = 0.0, 0.0, [
         assembly.hypothesis_of(e)[1] for e in candidate.explanations]
-    for i, (m, kept, back) in enumerate(zip(assembly.matched, found.kept, found.back,
-                                            strict=False)):
+    for i, (m, kept, back) in enumerate(zip(assembly.suspects, found.kept, found.back,
+                                            strict=True)):
         data, fitted = data_of(m, kept), without_modulus(m, kept)
         r = data.residual({kind: values[kept] for kind, values in m.baseline.shown.items()})
         X = np.hstack([data.observables.whiten({kind: values[kept] for kind, values

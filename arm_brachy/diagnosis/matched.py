@@ -17,7 +17,7 @@ from arm_brachy.diagnosis.tolerances import given_errors, joined, tolerances
 SLOW = 1.0          # s, about as long as rests between pushes are
 # Nuisances of one recording alone; all others belong to the set-up and are the same in each.
 OWN = ('frame_', 'zero_em_', 'force_', 'clock_', 'touch_', 'timing_', 'path_', 'given',
-       'modulus_of_nulls')
+       'restless_', 'modulus_of_nulls')
 
 
 @dataclass
@@ -97,7 +97,8 @@ def match(recorded, specimen, ensemble, terms=(), *, calibration=None, accuracy=
     rest = {kind: shown[least] for kind, shown in baseline.shown.items()}
     observables = Observables(with_accuracy(measured(recorded.states), baseline.shown, rest,
                                             channels, accuracy), channels)
-    parts = [nuisances(baseline, calibration, several=several), tolerances(baseline, calibration),
+    parts = [nuisances(baseline, calibration, several=several),
+             tolerances(baseline, calibration, recorded.structure.rhythm),
              given_errors(baseline, terms), timing_errors(baseline, recorded, accuracy),
              ensemble.along(baseline)]
     if recorded.prepared.evidence.get(ENCODER).taken is not None:

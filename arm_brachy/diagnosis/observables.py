@@ -98,6 +98,18 @@ class Observables:
             own=np.broadcast_to(stream.own, stream.sd.shape)[states])
             for stream in self.measured], self._channels)
 
+    def less(self, shift):
+        """The Observables with kind -> (n, c, 3) in the model's order taken off what was measured.
+
+        A kind that is left out stays as it is.
+        """
+        def put_right(stream):
+            if stream.kind not in shift:
+                return stream
+            there = [self._channels[stream.kind].index(name) for name in stream.names]
+            return replace(stream, values=stream.values - shift[stream.kind][:, there])
+        return Observables([put_right(stream) for stream in self.measured], self._channels)
+
     def louder(self, factors, memory):
         """The Observables with more noise: kind -> factor of the variance.
 

@@ -44,11 +44,9 @@ def look(evidence, *, limit=LIMIT, devices=None, calibration=None, noise=None):
     late = {kind: structure.late(kind) for kind in structure.clocks}
     onsets = [finding.onset for finding in structure.findings if finding.onset]
     jumps = [t for onset in onsets for t in onset]
-    rhythm = max((finding.parameters.get('frequency', 0.0) for finding in structure.findings),
-                 default=0.0)
     even = _put_right(prepared, structure.pads)
     events = {sum(onset) / 2.0 for onset in onsets}
-    states = without(load_states(even, late, limit, rhythm, events), jumps)
+    states = without(load_states(even, late, limit, structure.rhythm, events), jumps)
     if structure.turning:
         optical = evidence.get(OPTICAL)
         states = unseen(states, OPTICAL, optical.named(*structure.turning))

@@ -112,18 +112,25 @@ def _refined(t, whiten, Q, Y, frequency, best):
                                  options={'xatol': 1e-4 * (ends[1] - ends[0])}).x)
 
 
-def rhythm_findings(prepared, travel, late, jumps=()):
-    """Findings about periodic motion: of base markers, else of the tissue beside its pushes.
+@dataclass(frozen=True)
+class Swinging:
+    """What moves in rhythm: stream.Stream of the `body`'s markers, stream.BASE or TISSUE."""
+
+    body: str
+    stream: object
+    rhythm: Rhythm
+
+
+def swinging(prepared, travel, late, jumps=()):
+    """The Swinging of base markers, else of the tissue beside its pushes, None if nothing does.
 
     travel : (t, q (m, p));  late : [s] of the optical clock;  jumps : times [s] of sudden events
     What a repeated protocol leaves unexplained is periodic too: the motion has to be there while
     nothing pushes as well, with the same frequency and half the amplitude or more.
-    Test: diagnosis/structural/test_rest.py
     """
-    out = []
     for body in (BASE, TISSUE):
         stream, noise = prepared.on(OPTICAL, body)
-        if stream is None or out:
+        if stream is None:
             continue
         stream = thinned(stream, max(BIN, stream.period)) if stream.period < BIN else stream
         stream = stream.channels(np.flatnonzero(stream.valid.mean(axis=0) > MOSTLY))
@@ -134,8 +141,8 @@ def rhythm_findings(prepared, travel, late, jumps=()):
         columns |= {f'jump {time}': (stream.t >= time).astype(float) for time in jumps}
         found = _common(prepared, stream, np.stack(list(columns.values()), axis=1), noise)
         if found is not None:
-            out += _finding(stream, found, body, prepared.calibration.restless)
-    return tuple(out)
+            return Swinging(body, stream, found)
+    return None
 
 
 def _common(prepared, stream, X, noise):
@@ -157,8 +164,13 @@ def _common(prepared, stream, X, noise):
     return found if there @ found.amplitude > 0.5 * found.amplitude @ found.amplitude else None
 
 
-def _finding(stream, found, body, slack):
-    """The common motion of the markers as a Finding, if it is loud enough."""
+def rhythm_findings(swings, slack):
+    """The common motion of a Swinging's markers as Findings, none if it is no louder than allowed.
+
+    slack : finding.Calibration.restless
+    Test: diagnosis/structural/test_rest.py
+    """
+    found, stream, body = swings.rhythm, swings.stream, swings.body
     cosine, sine = (x.reshape(-1, 3).mean(axis=0) for x in (found.cosine, found.sine))
     U, size, Vt = np.linalg.svd(np.stack([cosine, sine]))
     amplitude, direction = float(size[0]), Vt[0]

@@ -24,7 +24,7 @@ from arm_brachy.diagnosis.merge import merge
 from arm_brachy.diagnosis.pad_travel import pad_travels
 from arm_brachy.diagnosis.pad_turns import one_each
 from arm_brachy.diagnosis.rest_pose import em_findings, exchanged_findings, pad_place_findings
-from arm_brachy.diagnosis.rhythm import rhythm_findings
+from arm_brachy.diagnosis.rhythm import rhythm_findings, swinging
 from arm_brachy.diagnosis.stream import ENCODER, OPTICAL
 
 
@@ -36,12 +36,14 @@ class Structure:
     pads : pad_travel.PadTravel of every moving pad with a marker
     clocks : kind of stream -> clocks.Lateness against the encoders
     turning : names of the pads that turn as they go, which their markers show
+    rhythm : [Hz] in which base or tissue move, however little; 0 = in none that is seen
     """
 
     findings: tuple
     pads: tuple
     clocks: dict
     turning: tuple = ()
+    rhythm: float = 0.0
 
     def late(self, kind):
         """Delay [s] of a stream's stamps against the encoders; 0 where it could not be told."""
@@ -55,7 +57,7 @@ def structure_of(prepared):
     """
     found = [*gap_findings(prepared), *exchanged_findings(prepared), *em_findings(prepared),
              *pad_place_findings(prepared), *balance_findings(prepared)]
-    pads, clocks, events, turning = (), {}, (), {}
+    pads, clocks, events, turning, swings = (), {}, (), {}, None
     if prepared.motion is not None:
         tests = channels(prepared)
         if prepared.registration is not None:
@@ -78,10 +80,13 @@ def structure_of(prepared):
                                 partial(share_followed, prepared, travel, late))
         times = [event.t for event in events]
         found += force_findings(prepared, times)
-        found += rhythm_findings(prepared, travel, late.get(OPTICAL, 0.0), times)
+        swings = swinging(prepared, travel, late.get(OPTICAL, 0.0), times)
+    if swings is not None:
+        found += rhythm_findings(swings, prepared.calibration.restless)
     found += base_findings(prepared, events)
     merged = merge(found, prepared.evidence.pads, [one.pad for one in pads])
-    return Structure(tuple(sorted(merged, key=lambda f: -f.z)), pads, clocks, tuple(turning))
+    return Structure(tuple(sorted(merged, key=lambda f: -f.z)), pads, clocks, tuple(turning),
+                     0.0 if swings is None else swings.rhythm.frequency)
 
 
 def channels(prepared):

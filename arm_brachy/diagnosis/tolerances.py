@@ -16,7 +16,7 @@ from arm_brachy.diagnosis.stream import BASE, OPTICAL
 from arm_brachy.registry import by_name
 
 KNOWN = 0.03        # of its size: how well a finding knows the term that it names
-PER_ACTUATOR, PER_PAD, PER_STREAM = 'actuators', 'pads', 'stream'
+PER_ACTUATOR, PER_PAD, PER_STREAM, PER_WAVE = 'actuators', 'pads', 'stream', 'direction'
 # tolerance -> term, its parameters, what each of several is for
 TOLERATED = (
     ('gain', 'actuator_gain', ('gain',), PER_ACTUATOR),
@@ -26,18 +26,20 @@ TOLERATED = (
     ('scale', 'optical_scale', ('scale',), ''),
     ('force_drift', 'force_drift', ('rate',), PER_PAD),
     ('clock', 'clock_offset', ('delay',), PER_STREAM),
+    ('restless', 'breathing', ('amplitude',), PER_WAVE),
 )
 
 
-def tolerances(baseline, calibration=None):
+def tolerances(baseline, calibration=None, rhythm=0.0):
     """Return the Nuisances of a baseline.Baseline that tolerances make, each at one tolerance.
 
     calibration : finding.Calibration, None = its defaults
+    rhythm : [Hz] in which base or tissue are seen to move, 0 = none: what is not seen is no excuse
     """
     calibration, names, parts = calibration or Calibration(), [], []
     for tolerance, term, parameters, each in TOLERATED:
         size = getattr(calibration, tolerance)
-        for place in _places(baseline.model.specimen, each):
+        for place in _places(baseline.model.specimen, each, rhythm):
             one = hypothesis(by_name(term), parameters, **place)
             response = respond(baseline, one)
             for k, strength in enumerate(one.strengths):
@@ -113,15 +115,18 @@ def _as_hypothesis(term):
     return hypothesis(type(term), **place)
 
 
-def _places(specimen, each):
+def _places(specimen, each, rhythm):
+    waves = [{'frequency': rhythm, 'phase': phase, 'direction': tuple(axis)}
+             for phase in (0.0, 0.5 * np.pi) for axis in np.eye(3)] if rhythm else []
     return {PER_ACTUATOR: [{'actuators': (i,)} for i in range(len(specimen.pads))],
             PER_PAD: [{'pads': (name,)} for name in specimen.pads],
+            PER_WAVE: waves,
             PER_STREAM: [{'stream': kind} for kind in ('optical', 'em', 'force')],
             '': [{}]}[each]
 
 
 def _said(place):
-    return [str(v[0]) if isinstance(v, tuple) else str(v) for v in place.values()]
+    return ['_'.join(map(str, v)) if isinstance(v, tuple) else str(v) for v in place.values()]
 
 
 def joined(*parts):

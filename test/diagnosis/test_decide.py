@@ -287,6 +287,17 @@ def test_what_has_fewer_numbers_is_not_told_by_that_from_what_fits_as_well(world
     assert [one.causes for one in decision.equals] == [('cause_2',)]
 
 
+def test_none_stands_in_for_a_likelier_one_of_which_too_little_is_known(world):
+    """A lump of 20 nats, its size unknown, made room for a gain of 6 that explains less of it."""
+    like = Explanation('like', '', world.responses[2][:, None] + 0.1 * world.stranger[:, None])
+
+    def decided(lead):
+        return world.decide(world.responses[2], like, gone=lambda one: 'cause_2' in one.causes,
+                            weigh=lambda one: Gain(*2 * [lead * (one.causes == ('cause_2',))]))
+    assert decided(1e3).accepted is None
+    assert decided(-1e3).accepted.causes == ('like',)
+
+
 def test_only_what_promises_something_is_weighed():
     """A full fit takes seconds to minutes: none is made of what hardly gains by its response."""
     asked = []

@@ -97,7 +97,8 @@ class Lab:
             stands = (one.states.labels.direction == 0)[:, None]
             streams = [replace(stream, valid=stream.valid & stands) for stream in streams]
         return Matched(one, baseline, Observables(streams, channels_of(self.specimen)), joined(
-            nuisances(baseline, calibration), tolerances(baseline, calibration)))
+            nuisances(baseline, calibration),
+            tolerances(baseline, calibration, one.structure.rhythm)))
 
     def watch(self, path, *entries, known=(), calibration=None, still=False, **seen):
         """Matched of a recording with terms; `seen` as in `record`, the rest as in `beside`."""

@@ -1,4 +1,4 @@
-"""A bench that gives way by as little as a careful laboratory leaves is no missing physics."""
+"""A bench that gives way or trembles as little as a careful laboratory leaves: no physics."""
 
 import numpy as np
 
@@ -19,3 +19,17 @@ def test_a_bench_that_gives_way_a_little_is_within_the_tolerances(breast, once):
     left = effect - matched.U @ np.linalg.lstsq(matched.U, effect, rcond=None)[0]
     # Encoders of the other pads wobble by a count, 1e-4 of the push.
     assert np.linalg.norm(left) < 1e-3 * np.linalg.norm(effect)
+
+
+def test_a_floor_that_trembles_a_little_is_within_the_tolerances_where_it_is_seen(breast, rich):
+    """By 0.02 mm in any direction and phase, where base markers show the rhythm."""
+    wave = {'name': 'breathing', 'amplitude_mm': 0.02, 'frequency_Hz': 0.37, 'phase_deg': 40.0,
+            'direction': [0.3, -0.2, 1.0]}
+    for floor, taken in ((wave | {'amplitude_mm': 0.04}, True), (None, False)):
+        matched = breast.watch(rich, *([floor] if floor else []), markers=(TISSUE, BASE))
+        assert not [f for f in matched.recorded.structure.findings if f.term == 'breathing']
+        effect = matched.observables.whiten(breast.changed(matched, wave))[:, 0]
+        assert np.linalg.norm(effect) > 1.0
+        left = effect - matched.U @ np.linalg.lstsq(matched.U, effect, rcond=None)[0]
+        part = np.linalg.norm(left) / np.linalg.norm(effect)
+        assert part < 0.1 if taken else part > 0.3

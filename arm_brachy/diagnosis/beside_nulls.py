@@ -1,0 +1,65 @@
+"""What recordings in which nothing is wrong say of a set-up, handed on to full fits of others.
+
+With z the nuisances that all recordings share, z ~ N(0, I) before any, nulls leave z ~ N(m, S S').
+Whatever is fitted to another recording then stands beside U S instead of U, and its residual is
+less U m: the same density as of all recordings together, without running the nulls' model again.
+Test: diagnosis/forward/test_beside_nulls.py
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cholesky
+
+from arm_brachy.diagnosis.inference import posterior
+from arm_brachy.diagnosis.mesh_errors import NAMES
+
+MODULUS = 'modulus'     # is one of each recording's own: tissue dries, warms and is cast anew
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """Nuisances that recordings share, in prior standard deviations: mean + spread z, z ~ N(0, I).
+
+    names : k, errors of the mesh last;  mean : (k,);  spread : (k, k) lower triangular, so that
+        what is known of the mesh alone stays apart
+    """
+
+    names: tuple
+    mean: np.ndarray
+    spread: np.ndarray
+
+    def put_right(self, m):
+        """The Matched of another recording with it known."""
+        names, values = np.array(m.nuisances.names), dict(m.nuisances.values)
+        which = [int(np.flatnonzero(names == name)[0]) for name in self.names]
+        of_mesh = np.isin(self.names, NAMES)
+        shift = {kind: v[..., which] for kind, v in values.items()}
+        for kind, part in shift.items():
+            values[kind] = v = values[kind].copy()
+            v[..., which] = part @ self.spread
+        return replace(
+            m, nuisances=replace(m.nuisances, values=values),
+            observables=m.observables.less(_times(shift, np.where(of_mesh, 0.0, self.mean))),
+            finer=_sum(m.finer, _times(shift, np.where(of_mesh, self.mean, 0.0))))
+
+
+def set_up_of(nulls, U, names):
+    """The SetUp by Matched recordings in which nothing is wrong.
+
+    U (N, k), names : as of `assembly.stacked_nuisances`, shared ones last
+    """
+    own = sum(np.count_nonzero(m.own) for m in nulls)
+    shared = [i for i in range(own, len(names)) if names[i] != MODULUS]
+    shared.sort(key=lambda i: names[i] in NAMES)
+    known = posterior(U, np.concatenate([m.r for m in nulls]))
+    return SetUp(tuple(names[i] for i in shared), known.mean[shared],
+                 cholesky(known.covariance(shared), lower=True))
+
+
+def _times(shift, mean):
+    return {kind: values @ mean for kind, values in shift.items()}
+
+
+def _sum(one, other):
+    return {kind: one[kind] + values if kind in one else values for kind, values in other.items()}

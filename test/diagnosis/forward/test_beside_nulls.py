@@ -1,0 +1,66 @@
+"""A recording beside what nulls say of its set-up, against all of them together."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.assembly import Assembly, stacked_nuisances
+from arm_brachy.diagnosis.inference import log_density
+from arm_brachy.diagnosis.matched import Matched
+from arm_brachy.diagnosis.mesh_errors import NAMES
+from arm_brachy.diagnosis.nuisances import Nuisances
+from arm_brachy.diagnosis.observables import Measured, Observables
+from arm_brachy.diagnosis.stream import FORCE, OPTICAL
+
+CHANNELS = {OPTICAL: ('a', 'b', 'c'), FORCE: ('pad_1',)}
+OURS = ('touch_pad_1', NAMES[0], 'optical_a_x', 'modulus', 'scale_scale')   # the first its own
+STATES = 6
+
+
+def matched(rng, sd):
+    """A Matched of random numbers; forces and optical markers in another order than the model's."""
+    def stream(kind, *names):
+        shape = (STATES, len(names), 3)
+        return Measured(kind, names, sd * rng.standard_normal(shape),
+                        rng.random(shape[:2]) < 0.9, np.full(shape, sd), np.eye(STATES))
+
+    def arrays(*last):
+        return {kind: sd * rng.standard_normal((STATES, len(names), 3, *last))
+                for kind, names in CHANNELS.items()}
+    return Matched(None, SimpleNamespace(shown=arrays()),
+                   Observables([stream(OPTICAL, 'c', 'a'), stream(FORCE, 'pad_1')], CHANNELS),
+                   Nuisances(OURS, arrays(len(OURS))), arrays())
+
+
+@pytest.fixture(params=[1, 2])
+def assembly(request):
+    """One suspect and one or two nulls."""
+    rng = np.random.default_rng(7)
+    every = tuple(matched(rng, sd) for sd in (1e-3, *(2e-3, 1e-2)[:request.param]))
+    return Assembly(every, None, None, (), (), request.param)
+
+
+def test_the_density_beside_nulls_is_that_of_all_less_that_of_the_nulls(assembly):
+    def density(some, sound):
+        return log_density(stacked_nuisances(some, sound)[0], np.concatenate([m.r for m in some]))
+    nulls = assembly.matched[1:]
+    suspect, = assembly.suspects
+    assert log_density(suspect.U, suspect.r) == pytest.approx(
+        density(assembly.matched, len(nulls)) - density(nulls, 0), rel=1e-9)
+
+
+def test_what_is_known_of_the_mesh_alone_is_left_to_the_model(assembly):
+    """Not taken off what was measured, so that no prediction has the mesh's errors for known."""
+    suspect, (raw, *_) = assembly.suspects[0], assembly.matched
+    moved = suspect.of_mesh - raw.of_mesh
+    column = raw.U[:, OURS.index(NAMES[0])]
+    assert moved == pytest.approx(column * (moved @ column) / (column @ column))
+    assert np.linalg.norm(moved) > 0.1 * np.linalg.norm(column)
+    assert suspect.U[:, OURS.index('touch_pad_1')] == pytest.approx(
+        raw.U[:, OURS.index('touch_pad_1')])
+
+
+def test_without_nulls_nothing_changes(assembly):
+    alone = Assembly(assembly.matched[:1], None, None, (), ())
+    assert alone.suspects == assembly.matched[:1]
