@@ -11,7 +11,7 @@ from arm_brachy.diagnosis.cause import Cause, Estimate
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.held_out import Part, chords
 from arm_brachy.diagnosis.hypothesis import hypothesis
-from arm_brachy.diagnosis.law_error import law_of, widened
+from arm_brachy.diagnosis.law_error import by_nodes, law_of, widened
 from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.motion import corners_of
 from arm_brachy.diagnosis.preload import preload
@@ -120,7 +120,8 @@ def fit_in_full(assembly, candidate, law):
             'linear answer.',))
     n, estimates = len(hypotheses), found.estimates
     if any(term.stage is Stage.BODY for term in found.terms[:n]):
-        estimates = widened(found, data, found.terms[n].factor, law_of(hypotheses, law))
+        estimates = widened(found, data, found.terms[n].factor, law_of(hypotheses, law),
+                            by_nodes(hypotheses))
     return Fitted(hypotheses, found.terms[:n], tuple(estimates[i] for i in range(n)), found,
                   kept, estimates[n]['factor'], back=back)
 

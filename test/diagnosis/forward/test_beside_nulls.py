@@ -19,7 +19,7 @@ STATES = 6
 
 
 def matched(rng, sd):
-    """A Matched of random numbers; forces and optical markers in another order than the model's."""
+    """A Matched of random numbers; optical markers in another order than the model's."""
     def stream(kind, *names):
         shape = (STATES, len(names), 3)
         return Measured(kind, names, sd * rng.standard_normal(shape),

@@ -374,6 +374,16 @@ def test_a_law_that_errs_in_one_channel_moves_numbers_as_far_as_intervals_say(re
     assert half[0][0]**2 - half[1][0]**2 > (0.9 * chart.scale[0] * moved[0])**2
 
 
+def test_an_effect_that_is_too_large_as_a_whole_opens_numbers_by_as_much(record, given):
+    """Of a gradient of 12 / m, which answers about in proportion, a tenth: 1.2 / m."""
+    data = replace(record((StiffnessGradient(gradient=(12.0, 0.0, 0.0)),), t=SOME, noise=0.1),
+                   baseline=given(SOME)[0])
+    found = refit([data], (hypothesis(StiffnessGradient),), [np.zeros(3)])
+    wide, same = (widened(found, [data], 1.0, 0.0, share)[0]['gradient'] for share in (0.1, 0.0))
+    half = [0.5 * width(estimate)[0] / 1.6449 for estimate in (wide, same)]
+    assert np.sqrt(half[0]**2 - half[1]**2) == pytest.approx(1.2, rel=0.2)
+
+
 class Shifted:
     """Observables whose measured values lie higher by errors (N,) over the noise."""
 
