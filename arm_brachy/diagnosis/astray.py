@@ -133,8 +133,8 @@ def _finding(recorded, travel, one):
                    float(np.sqrt(2.0 * one.lead)), *map(float, recorded.prepared.evidence.span),
                    f'The marker on {travel.pad} departs from the push by {100.0 * size:.0f} % of '
                    'it, but tissue and forces answer as to a pad that goes as the scene says: '
-                   f'{_turn(recorded, travel, off)}neither a gain nor a direction of its push. It '
-                   'was not compared with the model.')
+                   f'{_turn(recorded, travel, off)}neither a gain nor a direction of its push. '
+                   'The marker was not compared with the model.')
 
 
 def _turn(recorded, travel, off):

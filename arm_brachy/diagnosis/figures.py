@@ -76,7 +76,7 @@ def _where_caption(spots, pads, markers):
     if spots:
         parts.append(f'{_circles(spots)}, drawn through the surface.')
     if pads or markers:
-        parts.append(f'In orange: {wording.listed(sorted([*pads, *markers]))}.')
+        parts.append(f'In orange: {wording.listed(sorted({*pads, *markers}))}.')
     return ' '.join(parts)
 
 

@@ -58,7 +58,7 @@ def body_place(body, spots=(), pads=(), markers=(), caption=''):
         _draw_surface(axis, view, body.rest, faces)
         for pad in body.pads:
             _draw_pad(axis, view, pad, size, pad.name in pads)
-        _draw_markers(axis, view, body.markers, markers)
+        _draw_markers(axis, view, body.markers, markers, unnamed=pads)
         for spot in spots:
             _draw_spot(axis, view, spot, below=bool(markers))
         axis.set_title(view.name)
@@ -102,13 +102,15 @@ def _draw_pad(axis, view, pad, size, pointed_out):
     axis.plot(*on_paper(view, label), alpha=0.0)
 
 
-def _draw_markers(axis, view, markers, pointed_out):
+def _draw_markers(axis, view, markers, pointed_out, unnamed):
+    """unnamed : names that something beside the marker has already"""
     others = np.array([p for n, p in markers.items() if n not in pointed_out]).reshape(-1, 3)
     axis.plot(*on_paper(view, others.T), 'o', color='white', markeredgecolor=FADED, markersize=3.5,
               markeredgewidth=0.8, linestyle='')
     for name in pointed_out:
         if name in markers:
             axis.plot(*on_paper(view, markers[name]), 'o', color=GOAL, markersize=7, zorder=5)
+        if name in markers and name not in unnamed:
             outward = 1 if markers[name][view.across] >= 0.0 else -1
             axis.annotate(name, on_paper(view, markers[name]), xytext=(7 * outward, 6),
                           textcoords='offset points', ha='left' if outward > 0 else 'right',
