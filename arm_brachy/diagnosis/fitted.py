@@ -107,8 +107,7 @@ def fit_in_full(assembly, candidate, law):
     try:
         back = tuple(_off_zero(m, one, hypotheses, amplitudes)
                      for m, one in zip(suspects, data, strict=True))
-        data = [replace(one, U=np.hstack([one.U, columns]))
-                for one, columns in zip(data, back, strict=True)]
+        data = [one.beside(columns) for one, columns in zip(data, back, strict=True)]
         found = refit(data, (*hypotheses, modulus), (*amplitudes, np.zeros(1)))
     except (NotConverged, InputError, InvertedElement) as error:
         amplitudes = [_allowed(*x) for x in zip(hypotheses, amplitudes, strict=True)]
@@ -156,7 +155,7 @@ def without_modulus(m, states):
     """
     data = data_of(m, states)
     kept = np.array([name != 'modulus' for name in m.nuisances.names], dtype=bool)
-    return replace(data, U=data.U[:, kept])
+    return replace(data, U=data.U[:, kept], own=data.own[kept])
 
 
 def _allowed(hypothesis, amplitudes):
@@ -194,7 +193,8 @@ def data_of(m, kept):
     U = observables.whiten({kind: v[kept] for kind, v in m.nuisances.values.items()})
     return Data(m.baseline.model.specimen, _coarse(m.recorded.path, m.recorded.states.t[kept]),
                 m.recorded.states.t[kept], observables, U, m.baseline.model.terms,
-                m.baseline.take(kept), {kind: v[kept] for kind, v in m.finer.items()})
+                m.baseline.take(kept), {kind: v[kept] for kind, v in m.finer.items()},
+                own=m.own)
 
 
 def _coarse(path, t):

@@ -8,7 +8,8 @@ from scipy.stats import chi2
 
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
-from arm_brachy.diagnosis.held_out import stacked, with_found
+from arm_brachy.diagnosis.held_out import with_found
+from arm_brachy.diagnosis.inference import stacked
 from arm_brachy.diagnosis.laplace import gain_over_response
 from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue, past_errors
 from arm_brachy.diagnosis.model_error import Accuracy

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from arm_brachy.diagnosis.inference import posterior
+from arm_brachy.diagnosis.inference import posterior, stacked
 from arm_brachy.diagnosis.observables import Observables
 from arm_brachy.diagnosis.statements import StreamFit
 
@@ -37,12 +37,6 @@ class Part:
     named: np.ndarray | None = None
     columns: np.ndarray | None = None
     back: np.ndarray | None = None
-
-
-def stacked(parts):
-    """(N, k) nuisances of all recordings: those of single ones side by side, the others as one."""
-    own = block_diag(*(part.U[:, part.own] for part in parts))
-    return np.hstack([own, np.vstack([part.U[:, ~part.own] for part in parts])])
 
 
 def _which(parts, flags):

@@ -15,7 +15,7 @@ sec. 2.7 (explicit basis functions) and 5.4.2 (leave-out predictive probability)
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import block_diag, cho_solve, cholesky, solve_triangular
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,37 @@ def posterior(U, r):
     return Posterior(cho_solve((factor, True), U.T @ r), factor)
 
 
-def weighted(U, X):
-    """Return C^-1 X (n, k) or (n,), C = I + U U', by the matrix inversion lemma."""
-    return X - U @ posterior(U, X).mean
+class Beside:
+    """Products with C^-1, C = I + U U', U (n, k): what is left beside all that may be there.
+
+    By the matrix inversion lemma; the factor is made once.
+    """
+
+    def __init__(self, U):
+        self._U = U
+        self._factor = cholesky(np.eye(U.shape[1]) + U.T @ U, lower=True)
+
+    def weighted(self, X):
+        """Return C^-1 X (n, m) or (n,)."""
+        return X - self._U @ cho_solve((self._factor, True), self._U.T @ X)
+
+    def square(self, effect):
+        """Return e' C^-1 e of an effect e (n,): its size beside everything else, squared."""
+        return float(effect @ self.weighted(effect))
+
+    @property
+    def half_log_det(self):
+        """Half the logarithm of the determinant of C."""
+        return float(np.log(np.diag(self._factor)).sum())
 
 
-def square(U, effect):
-    """Return e' C^-1 e of an effect e (n,): its size beside everything else, squared."""
-    return float(effect @ weighted(U, effect))
+def stacked(parts):
+    """(N, k) nuisances of several recordings, those of single ones side by side, others as one.
+
+    parts : each with its U (n, k') and own (k',), True for what the others do not share
+    """
+    own = block_diag(*(part.U[:, part.own] for part in parts))
+    return np.hstack([own, np.vstack([part.U[:, ~part.own] for part in parts])])
 
 
 def log_density(U, r):

@@ -11,9 +11,9 @@ Test: diagnosis/theorems/test_full_evidence.py
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky
 
 from arm_brachy.diagnosis.fitted import data_of, without_modulus
+from arm_brachy.diagnosis.inference import Beside, stacked
 
 
 @dataclass(frozen=True)
@@ -37,29 +37,26 @@ def gain_over_response(assembly, candidate, found):
     if found.refit is None:
         return None
     fit, volumes = -found.refit.after, 0.5 * np.linalg.slogdet(found.refit.covariance)[1]
-    slope, curvature, responses = 0.0, 0.0, [
-        assembly.hypothesis_of(e)[1] for e in candidate.explanations]
+    responses = [assembly.hypothesis_of(e)[1] for e in candidate.explanations]
+    linear, fitted, columns, residual = [], [], [], []
     for i, (m, kept, back) in enumerate(zip(assembly.suspects, found.kept, found.back,
                                             strict=True)):
-        data, fitted = data_of(m, kept), without_modulus(m, kept)
-        r = data.residual({kind: values[kept] for kind, values in m.baseline.shown.items()})
-        X = np.hstack([data.observables.whiten({kind: values[kept] for kind, values
-                                                in one[i].per_prior().items()})
-                       for one in responses])
-        weighted, volume = _weighted(data.U, np.column_stack([X, r]))
-        fit += 0.5 * r @ weighted[:, -1]
-        volumes += volume - _weighted(np.hstack([fitted.U, back]), r[:, None])[1]
-        slope, curvature = slope + X.T @ weighted[:, -1], curvature + X.T @ weighted[:, :-1]
+        linear.append(data_of(m, kept))
+        fitted.append(without_modulus(m, kept).beside(back))
+        residual.append(linear[-1].residual(
+            {kind: values[kept] for kind, values in m.baseline.shown.items()}))
+        columns.append(np.hstack([linear[-1].observables.whiten(
+            {kind: values[kept] for kind, values in one[i].per_prior().items()})
+            for one in responses]))
+    beside, X, r = Beside(stacked(linear)), np.vstack(columns), np.concatenate(residual)
+    fit += 0.5 * beside.square(r)
+    volumes += beside.half_log_det - Beside(stacked(fitted)).half_log_det
+    weighted = beside.weighted(X)
+    slope, curvature = weighted.T @ r, weighted.T @ X
     factor = np.eye(len(slope)) + curvature
     fit -= 0.5 * slope @ np.linalg.solve(factor, slope)
     volumes += 0.5 * np.linalg.slogdet(factor)[1] - _paid_for_places(candidate, found)
     return Gain(float(fit + volumes), float(fit))
-
-
-def _weighted(U, X):
-    """((I + U U')^-1 X (n, p), half the logarithm of the determinant of I + U U')."""
-    factor = cholesky(np.eye(U.shape[1]) + U.T @ U, lower=True)
-    return X - U @ cho_solve((factor, True), U.T @ X), float(np.log(np.diag(factor)).sum())
 
 
 def _paid_for_places(candidate, found):

@@ -9,7 +9,7 @@ Test: diagnosis/forward/test_refit.py
 
 import numpy as np
 
-from arm_brachy.diagnosis.inference import posterior
+from arm_brachy.diagnosis.inference import Beside, stacked
 from arm_brachy.diagnosis.slip import ACCURACY
 from arm_brachy.diagnosis.stream import FORCE, OPTICAL, TISSUE
 
@@ -111,10 +111,6 @@ def widened(found, data, factor, law, as_a_whole=0.0):
                         [one.baseline.path.at(one.baseline.t) for one in data],
                         [law * part for part in effect])
     errors = np.column_stack([errors, as_a_whole * np.concatenate(effect)])
-    pulls, first = 0.0, 0
-    for one, columns in zip(data, found.columns, strict=True):
-        rows = slice(first, first + len(columns))
-        first = rows.stop
-        pulls = pulls + columns.T @ (errors[rows] - one.U @ posterior(one.U, errors[rows]).mean)
+    pulls = np.concatenate(found.columns).T @ Beside(stacked(data)).weighted(errors)
     moved = found.covariance @ pulls
     return found.space.estimates(found.z, found.mean, found.covariance + moved @ moved.T)

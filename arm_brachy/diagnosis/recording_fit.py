@@ -4,7 +4,7 @@ Test: diagnosis/forward/test_refit.py
 """
 
 import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from arm_brachy.diagnosis.alongside import Alongside
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.forward import STAGES, ForwardModel
 from arm_brachy.diagnosis.hypotheses import LOOSENING
-from arm_brachy.diagnosis.inference import square
+from arm_brachy.diagnosis.inference import Beside
 from arm_brachy.diagnosis.observables import Observables, channels_of
 from arm_brachy.diagnosis.responses import (
     body_change,
@@ -47,6 +47,8 @@ class Data:
     terms : that the model has anyway;  baseline : Baseline of that model at t, None = to be made
     finer : kind -> (n, c, 3) that elements of no size add to every prediction, {} = nothing
     absent : numbers of the hypotheses that do not act in this recording
+    own : (k,) True for columns of U that other recordings do not share, which have theirs in the
+        same order; None = all
     """
 
     specimen: Specimen
@@ -58,6 +60,16 @@ class Data:
     baseline: Baseline | None = None
     finer: dict = field(default_factory=dict)
     absent: tuple = ()
+    own: np.ndarray | None = None
+
+    def __post_init__(self):
+        if self.own is None:
+            object.__setattr__(self, 'own', np.ones(self.U.shape[1], dtype=bool))
+
+    def beside(self, columns):
+        """The Data with more columns (N, m) of its own beside U."""
+        return replace(self, U=np.hstack([self.U, columns]),
+                       own=np.append(self.own, np.ones(columns.shape[1], dtype=bool)))
 
     def present(self, terms):
         """Those of the terms, one per hypothesis, that act in this recording."""
@@ -177,11 +189,11 @@ class RecordingFit:
 
     def _add(self, full, shown):
         """Add from now on what a full run has more than is shown."""
-        residual, U = self.data.residual, self.data.U
+        residual, alone = self.data.residual, Beside(self.data.U)
         for kind in STAGES:
             self._added[kind] = self._added.get(kind, 0.0) + full[kind] - shown[kind]
-        self.open = (square(U, self.data.observables.whiten_shift(self._added)),
-                     square(U, residual(self.beside.shown) - residual(full)))
+        self.open = (alone.square(self.data.observables.whiten_shift(self._added)),
+                     alone.square(residual(self.beside.shown) - residual(full)))
 
     def _to_first_order(self, terms):
         change = together(self.beside, terms)

@@ -1,11 +1,12 @@
 """All numbers of the causes that were chosen, fitted in full and together.
 
-With d(z) measured minus predicted over the noise, z the free numbers on the scale of their priors
-(`freedom`) and U the nuisances, each column at one prior standard deviation, the cost is
+With d(z) measured minus predicted over the noise, of all recordings, z the free numbers on the
+scale of their priors (`freedom`) and U the nuisances, each column at one prior standard deviation,
+what belongs to the set-up the same in all, the cost is
 
     F(z) = d' C^-1 d / 2 + z' z / 2,    C = I + U U',
 
-minus the log of the posterior density but for a constant (summed over recordings). Gauss-Newton
+minus the log of the posterior density but for a constant. Gauss-Newton
 steps minimise its quadratic model in a box, that of the limits cut by a trust region which grows
 and shrinks by what F really loses (Nocedal & Wright 2006, Numerical Optimization, ch. 4, 10). Only
 steps that lower F by a tenth of what was promised are made. The end is where the model promises,
@@ -34,7 +35,7 @@ from arm_brachy.control.reach import bounded_least_squares
 from arm_brachy.core.errors import ConfigError, InputError, MeshError, NotConverged
 from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.freedom import Space, free_space
-from arm_brachy.diagnosis.inference import square, weighted
+from arm_brachy.diagnosis.inference import Beside, stacked
 from arm_brachy.diagnosis.recording_fit import RecordingFit
 from arm_brachy.tissue.assembly import InvertedElement
 
@@ -137,6 +138,7 @@ class _Fit:
         terms = space.terms(space.joined('start'))
         self.recordings = [RecordingFit(one, terms) for one in data]
         self.led = any(one.may_lead(terms) for one in self.recordings)
+        self.beside = Beside(stacked(data))
 
     def settled(self, start):
         """Return `minimum`, its predictions those of full runs.
@@ -147,8 +149,7 @@ class _Fit:
         z, found = start, self.minimum(start)
         before = self.before
         while any(one.beside is not None for one in self.recordings):
-            moved = sum(square(one.data.U, columns @ (found[0].z - z))
-                        for one, columns in zip(self.recordings, self.columns, strict=True))
+            moved = self.beside.square(np.concatenate(self.columns) @ (found[0].z - z))
             added, effect = np.sum([one.open for one in self.recordings], axis=0)
             left = 2.0 * moved * added / effect
             if left < self.options.tolerance:
@@ -248,18 +249,15 @@ class _Fit:
             return lost
         residual = tuple(one.data.residual(p)
                          for one, p in zip(self.recordings, predicted, strict=True))
-        cost = 0.5 * z @ z + 0.5 * sum(
-            r @ weighted(one.data.U, r) for one, r in zip(self.recordings, residual, strict=True))
+        cost = 0.5 * z @ z + 0.5 * self.beside.square(np.concatenate(residual))
         return _Point(z, float(cost), terms, models, predicted, residual)
 
     def model(self, now):
         """(slope of -F (k,), curvature (k, k)) of the quadratic model at a point."""
-        slope, curvature = -now.z, np.eye(len(now.z))
-        for one, columns, r in zip(self.recordings, self.columns, now.residual, strict=True):
-            carried = weighted(one.data.U, columns)
-            slope = slope + carried.T @ r
-            curvature = curvature + carried.T @ columns
-        return slope, 0.5 * (curvature + curvature.T)
+        columns = np.concatenate(self.columns)
+        carried = self.beside.weighted(columns)
+        curvature = np.eye(len(now.z)) + carried.T @ columns
+        return carried.T @ np.concatenate(now.residual) - now.z, 0.5 * (curvature + curvature.T)
 
     def promise(self, now, slope, curvature, region):
         """(step (k,), descent that the quadratic model promises) within limits and region."""

@@ -14,7 +14,7 @@ from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.candidates import surface_places
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.hypothesis import hypothesis
-from arm_brachy.diagnosis.inference import square
+from arm_brachy.diagnosis.inference import Beside
 from arm_brachy.diagnosis.law_error import widened
 from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.observables import KINDS, Measured, Observables, channels_of
@@ -27,6 +27,7 @@ from arm_brachy.tissue.terms.external_force import ExternalForce
 from arm_brachy.tissue.terms.inclusion import Inclusion
 from arm_brachy.tissue.terms.pad_slip import PadSlip
 from arm_brachy.tissue.terms.stiffness_gradient import StiffnessGradient
+from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
 STATES = np.array([1.5, 2.5, 4.5, 5.4, 6.5, 7.5, 8.0, 9.0])
@@ -213,11 +214,11 @@ def test_what_first_order_leaves_out_of_memories_is_put_back(record, linear, enc
     found = refit([data], (one,), [np.array([1.0])], held=('tau1',))
     stepped = ForwardModel(linear, found.terms).predict(encoder, SOME)
     residual = data.observables.residual({kind: stepped.get(kind) for kind in KINDS})
-    assert square(data.U, residual - found.residual[0]) < 4.0 * Options().tolerance
+    assert Beside(data.U).square(residual - found.residual[0]) < 4.0 * Options().tolerance
     plain = Baseline(ForwardModel(linear), encoder, SOME)
     change = together(plain, found.terms)
     near = data.observables.residual({kind: plain.shown[kind] + change[kind] for kind in KINDS})
-    assert square(data.U, residual - near) > 9.0
+    assert Beside(data.U).square(residual - near) > 9.0
 
 
 @pytest.mark.parametrize(('truth', 'held'), [
@@ -298,6 +299,22 @@ def test_recordings_share_terms_and_have_nuisances_of_their_own(record):
     ends = sorted(float(found.z[0]) for found in apart)
     assert ends[0] <= both.z[0] <= ends[1]
     assert len(both.predicted) == len(both.residual) == len(both.columns) == 2
+
+
+def test_what_belongs_to_the_set_up_does_not_average_out_over_recordings(record):
+    """A modulus that none of them is told leaves its scale as open in four as in one."""
+    every = [record((StiffnessScale(factor=1.2),), seed=seed, noise=0.1) for seed in range(4)]
+
+    def opened(shared):
+        """What four say over what one does, 1 / variance; the modulus is the last nuisance."""
+        data = [replace(one, own=np.arange(one.U.shape[1]) < one.U.shape[1] - shared)
+                for one in every]
+        first, four = (refit(some, (hypothesis(StiffnessScale),), [np.zeros(1)])
+                       for some in (data[:1], data))
+        said = [1.0 / found.covariance[0, 0] - 1.0 for found in (four, first)]   # beside its prior
+        return said[0] / said[1]
+    assert opened(shared=1) == pytest.approx(1.0, abs=0.05)
+    assert opened(shared=0) == pytest.approx(4.0, rel=0.05)
 
 
 def test_what_happened_in_one_recording_is_not_asked_of_another(record):
