@@ -34,7 +34,8 @@ from arm_brachy.diagnosis.statements import edge_unit
               help='What the recordings are said to show.')
 @click.option('--null', 'null', multiple=True, type=click.Path(), metavar='BAG',
               help='A recording of the same cell in which nothing is wrong; may be given several '
-                   'times. What it shows as well is no fault.')
+                   'times. What it shows as well is no fault. Registration, touch points, '
+                   'zeros and modulus may differ; markers should sit where they sat.')
 @click.option('--hold-out', 'held_out', multiple=True, type=click.Path(), metavar='BAG',
               help='A recording to test on, not fitted; may be given several times.')
 @click.option('--seed', default=0, show_default=True, type=click.IntRange(0),
@@ -112,6 +113,8 @@ def _show(found, folder):
     console.print(found.sentence, highlight=False)
     if found.nearest is not None:
         console.print(words.nearest(found), highlight=False)
+    for numbers in words.numbers(found):
+        console.print(f'found     {numbers}', highlight=False)
     if found.fit:
         show_table(summary('held-out error (rms per axis)', tuple(map(_row, found.fit)),
                            seed=found.provenance.seed))

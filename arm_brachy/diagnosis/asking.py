@@ -7,6 +7,7 @@ from arm_brachy.diagnosis.fitted import sizes_of
 from arm_brachy.diagnosis.next_experiment import next_experiment
 from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.planned import Option, Whitened
+from arm_brachy.diagnosis.reglued import apart_in, named_apart
 from arm_brachy.diagnosis.statements import NextExperiment
 from arm_brachy.diagnosis.stream import ENCODER
 from arm_brachy.diagnosis.tolerances import joined, tolerances
@@ -34,9 +35,9 @@ def asked(assembly, decision, ensemble, calibration=None):
              for kind, one in m.recorded.prepared.noise.items()}
 
     def beside(baseline):
-        return joined(nuisances(baseline, calibration, several=True),
-                      tolerances(baseline, calibration),
-                      ensemble.along(baseline))
+        every = joined(nuisances(baseline, calibration, several=True),
+                       tolerances(baseline, calibration), ensemble.along(baseline))
+        return named_apart(every, apart_in(first))
 
     try:
         return next_experiment(

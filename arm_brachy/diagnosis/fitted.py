@@ -12,6 +12,7 @@ from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.held_out import Part, chords
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.law_error import by_nodes, law_of, widened
+from arm_brachy.diagnosis.matched import APART
 from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.motion import corners_of
 from arm_brachy.diagnosis.preload import preload
@@ -271,8 +272,8 @@ def _part(m, given, observables, kinds, U, plain, of_mesh, found):
     """The Part; plain : what the model shows without any term."""
     return Part(observables, kinds, given, observables.residual(plain), U, m.own,
                 np.isin(m.nuisances.names, NAMES),
-                np.array([name.startswith('frame_') for name in m.nuisances.names]), of_mesh,
-                *found)
+                np.array([name.startswith(('frame_', APART)) for name in m.nuisances.names]),
+                of_mesh, *found)
 
 
 def _without_terms(m, encoder, t, shown):

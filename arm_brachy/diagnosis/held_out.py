@@ -17,7 +17,8 @@ class Part:
     observables : Observables;  kinds : (N,) labels
     given : (N,) measured less the scene as it came, SI;  r : (N,) whitened, less the model
     U : (N, k) whitened nuisances;  own : (k,) those that other recordings do not share
-    mesh : (k,) those of what a mesh may be wrong by;  frame : (k,) those of the tracker's frame
+    mesh : (k,) those of what a mesh may be wrong by;  frame : (k,) those of the tracker's frame,
+        and places that are each recording's own
     of_mesh : (N,) whitened, what finer elements would add to the model; r and named are without
     named : (N,) r of the model with what was found, its numbers taken out to first order, and
     columns : (N, p) what these numbers do, at one prior standard deviation; None = nothing found

@@ -14,6 +14,8 @@ from arm_brachy.diagnosis.mesh_errors import SYSTEMATIC
 from arm_brachy.diagnosis.mesh_fault import ALLOWED, MeshFault, mesh_fault
 from arm_brachy.diagnosis.mesh_limit import at_limit
 from arm_brachy.diagnosis.mesh_limit import said as said_of_limit
+from arm_brachy.diagnosis.reglued import reglued, with_places_apart
+from arm_brachy.diagnosis.reglued import said as said_of_places
 
 
 @dataclass(frozen=True)
@@ -47,9 +49,15 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
                                    gone=fits.gone, weigh=fits.gain)
 
     assembly, fits, one = judge()
-    fault, notes = mesh_fault(matched, one.singles()[0].evidence), ()
+    moved = {}
+    while more := reglued(matched, assembly.problem, next(iter(one.singles()), None)):
+        moved |= more
+        matched, tests = ([with_places_apart(m, sum(more.values(), [])) for m in some]
+                          for some in (matched, tests))
+        assembly, fits, one = judge()
+    fault, notes = mesh_fault(matched, one.singles()[0].evidence), said_of_places(moved)
     if fault is not None and not fault.material:
-        fault, notes = None, (fault.note,)
+        fault, notes = None, (*notes, fault.note)
     finer = at_limit(matched, limit) if fault is None else None
     if fault is not None:
         for test in tests:

@@ -15,9 +15,10 @@ from arm_brachy.diagnosis.stream import ENCODER
 from arm_brachy.diagnosis.tolerances import given_errors, joined, tolerances
 
 SLOW = 1.0          # s, about as long as rests between pushes are
+APART = 'apart_'    # what places begin with that are not the same in all recordings (`reglued`)
 # Nuisances of one recording alone; all others belong to the set-up and are the same in each.
 OWN = ('frame_', 'zero_em_', 'force_', 'clock_', 'touch_', 'timing_', 'path_', 'given',
-       'restless_', 'modulus_of_nulls')
+       'restless_', 'modulus_of_nulls', APART)
 
 
 @dataclass

@@ -104,11 +104,7 @@ def _detail(d):
     """Second sentence: how much of what was found, or what would decide it."""
     if d.next_experiment is not None:
         return f'To decide it: {words.request(d.next_experiment)}'
-    found = [(cause, cause.shown()) for cause in d.causes]
-    return _typeset(' '.join(
-        f'{_capital(wording.spoken(cause.term))}: '
-        f'{"; ".join(wording.parameter(n, u, *v) for n, _, u, *v in rows)}.'
-        for cause, rows in found if rows))
+    return _typeset(' '.join(f'{_capital(numbers)}.' for numbers in words.numbers(d)))
 
 
 def _nearest(d):

@@ -6,7 +6,7 @@ Sentences carry the numbers and nothing that the numbers do not.
 from arm_brachy.core.quantity import UNITS
 from arm_brachy.diagnosis.decide import Rules
 from arm_brachy.diagnosis.statements import edge_unit
-from arm_brachy.diagnosis.wording import figures, listed, percent, share, spoken
+from arm_brachy.diagnosis.wording import figures, listed, parameter, percent, share, spoken
 
 STREAMS = {'optical': ('optical markers', 'marker'), 'em': ('EM tracker', 'tool'),
            'force': ('pad forces', 'pad'), 'encoder': ('encoders', 'pad')}
@@ -99,6 +99,14 @@ def _at(d, cause, *, region=True):
 def title(cause):
     """A cause by name, and what that is: 'backlash (the pad lags ...)'."""
     return f'{spoken(cause.term)} ({cause.spec.summary})'
+
+
+def numbers(d):
+    """Of every cause of Diagnosis `d` that has parameters, these with their intervals."""
+    found = [(cause.term, cause.shown()) for cause in d.causes]
+    return [f'{spoken(term)}: '
+            + '; '.join(parameter(name, unit, *values) for name, _, unit, *values in rows)
+            for term, rows in found if rows]
 
 
 def place(where, *, region=True):

@@ -43,6 +43,12 @@ def test_a_verdict_is_one_sentence(answers, name, said):
     assert words.verdict(answers[name]) == said
 
 
+def test_numbers_are_told_with_their_intervals(answers):
+    found, = words.numbers(answers['structural'])
+    assert found.startswith('backlash: width ') and ' mm, 90 % interval ' in found
+    assert words.numbers(answers['nothing_missing']) == []
+
+
 def test_what_no_term_says_is_told_with_the_verdict_and_silence_is_not(answers):
     d = answers['unexplained']
     turning = Finding('optical', 'pad_1', None, '', 0.34, '1', 0.0, 24.6, 0.0, 62.0,

@@ -1,0 +1,103 @@
+"""Do markers and tools sit in all recordings where they sit in the first? Glued anew they do not.
+
+Recordings of one set-up share the places of markers, which is how one in which nothing is wrong
+tells of a sag. A cell that was cleaned and glued anew between two of them moves every marker its
+own way; no cause does, but the best of them fits some of it, with any evidence. Then every
+recording has places of its own.
+Test: diagnosis/test_reglued.py
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from arm_brachy.diagnosis.decide import Rules
+from arm_brachy.diagnosis.inference import Beside
+from arm_brachy.diagnosis.matched import APART
+from arm_brachy.diagnosis.stream import BASE, EM, OPTICAL, TISSUE
+from arm_brachy.diagnosis.wording import listed
+
+# Share of the evidence for the best cause that its response, being linear, may leave to anything:
+# a seventh of its effect.
+BENT = 0.02
+
+
+def reglued(matched, problem, best):
+    """Names of the places that are each recording's own, {} = none, by what they are on.
+
+    matched : Matched each;  problem : decide.Problem of them;  best : decide.Candidate beside
+        which they have to explain something, None = nothing
+    """
+    groups = _groups(matched[0])
+    if len(matched) < 2 or not groups:
+        return {}
+    cause = np.hstack([e.columns for e in best.explanations]) if best else problem.U[:, :0]
+    apart = {on: _own_copies(matched, names) for on, names in groups.items()}
+    X = np.hstack([cause, *apart.values()])
+    weighted = Beside(problem.U).weighted(np.column_stack([X, problem.r]))
+    B, a = X.T @ weighted[:, :-1], X.T @ weighted[:, -1]
+    owner = np.concatenate([['cause'] * cause.shape[1], *(
+        [on] * columns.shape[1] for on, columns in apart.items())])
+    cause_alone = _gain(B, a, owner == 'cause')
+    least, every = Rules().certain + BENT * max(cause_alone, 0.0), np.ones(len(a), dtype=bool)
+    if _gain(B, a, every) - cause_alone < least:
+        return {}
+    return {on: names for on, names in groups.items()
+            if _gain(B, a, every) - _gain(B, a, owner != on) >= least}
+
+
+def with_places_apart(m, names):
+    """The Matched with places of these names as its own."""
+    return replace(m, nuisances=named_apart(m.nuisances, names))
+
+
+def named_apart(nuisances, names):
+    """The Nuisances with those of these names as each recording's own."""
+    return replace(nuisances, names=tuple(APART + name if name in names else name
+                                          for name in nuisances.names))
+
+
+def apart_in(m):
+    """Names of places that are a Matched's own, as they were before."""
+    return tuple(name.removeprefix(APART) for name in m.nuisances.names if name.startswith(APART))
+
+
+def said(groups):
+    """Sentences on what `reglued` found; none for {}."""
+    if not groups:
+        return ()
+    return (f'{listed([_WORDS.get(on, f"markers on {on}") for on in groups])} do not sit in all '
+            'recordings where they sit in the first, as after glueing anew: what differs between '
+            'recordings at rest is taken for that.'.capitalize(),)
+
+
+_WORDS = {TISSUE: 'markers on the tissue', BASE: 'markers on the base',
+          EM: 'tools of the EM tracker'}
+
+
+def _groups(m):
+    """What markers or tools are on -> names of the nuisances of their places."""
+    specimen, out = m.baseline.model.specimen, {}
+    for marker, on in zip(specimen.markers, specimen.carriers, strict=True):
+        out.setdefault(on, []).extend(f'{OPTICAL}_{marker}_{axis}' for axis in 'xyz')
+    for tool in specimen.tools:
+        out.setdefault(EM, []).extend(f'{EM}_{tool}_{axis}' for axis in 'xyz')
+    left = set(m.nuisances.names)
+    return {on: names for on, names in out.items() if left.issuperset(names)}
+
+
+def _own_copies(matched, names):
+    """(N, k) of all rows: these nuisances in every recording but the first by itself."""
+    parts = [m.U[:, [m.nuisances.names.index(name) for name in names]] for m in matched]
+    first = len(parts[0])
+    out = np.zeros((sum(map(len, parts)), (len(parts) - 1) * len(names)))
+    for i, part in enumerate(parts[1:]):
+        out[first:first + len(part), i * len(names):(i + 1) * len(names)] = part
+        first += len(part)
+    return out
+
+
+def _gain(B, a, chosen):
+    """Log evidence of some columns over none; B, a : products of all, beside what may be there."""
+    B, a = np.eye(np.count_nonzero(chosen)) + B[np.ix_(chosen, chosen)], a[chosen]
+    return float(0.5 * a @ np.linalg.solve(B, a) - 0.5 * np.linalg.slogdet(B)[1])
