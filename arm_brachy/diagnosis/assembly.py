@@ -6,8 +6,9 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from arm_brachy.diagnosis.beside_nulls import MODULUS, set_up_of
+from arm_brachy.diagnosis.beside_nulls import set_up_of
 from arm_brachy.diagnosis.decide import Explanation, Problem
+from arm_brachy.diagnosis.nuisances import MODULUS
 from arm_brachy.diagnosis.structured_tests import structured_tests
 
 PART = 0.2      # of the deepest, for a push to count; wobble at rest reaches some hundredths

@@ -13,8 +13,7 @@ from scipy.linalg import cholesky
 
 from arm_brachy.diagnosis.inference import posterior
 from arm_brachy.diagnosis.mesh_errors import NAMES
-
-MODULUS = 'modulus'     # is one of each recording's own: tissue dries, warms and is cast anew
+from arm_brachy.diagnosis.nuisances import MODULUS
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,7 @@ def set_up_of(nulls, U, names):
     """The SetUp by Matched recordings in which nothing is wrong.
 
     U (N, k), names : as of `assembly.stacked_nuisances`, shared ones last
+    The modulus is not handed on: tissue dries, warms and is cast anew.
     """
     own = sum(np.count_nonzero(m.own) for m in nulls)
     shared = [i for i in range(own, len(names)) if names[i] != MODULUS]

@@ -11,6 +11,7 @@ from arm_brachy.diagnosis.fitted import AS_FOUND, CHORD, TO_90, parts_of, tested
 from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.inference import detectability, posterior
 from arm_brachy.diagnosis.mesh_errors import NAMES
+from arm_brachy.diagnosis.nuisances import MODULUS
 from arm_brachy.diagnosis.occasion import intervals, shown_in
 from arm_brachy.diagnosis.pad_turn_tests import Turn
 from arm_brachy.diagnosis.pooled_tests import Past
@@ -198,7 +199,7 @@ def recalibrated(assembly, scene, explanations, spread, scale=None):
     """
     problem = assembly.problem
     U = np.hstack([problem.U, *(e.columns for e in explanations)])
-    column = assembly.names.index('modulus')
+    column = assembly.names.index(MODULUS)
     fit = posterior(U, problem.r)
     sd = float(np.sqrt(fit.covariance([column])[0, 0]))
     if sd > TOLD:

@@ -20,7 +20,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.adequacy import scan
-from arm_brachy.diagnosis.inference import separation
+from arm_brachy.diagnosis.inference import evidence_over_none, separation
 
 VERDICTS = Literal['named', 'equivalent', 'nothing_missing', 'unexplained']
 
@@ -181,15 +181,8 @@ class _Gram:
         return self.left[np.ix_(columns, columns)], self.left[columns, -1]
 
     def gain(self, columns):
-        """Log evidence of columns with normal coefficients over none.
-
-        a'(I + B)^-1 a / 2 - log det(I + B) / 2, B = X'C^-1 X, a = X'C^-1 r, plus `sign`.
-        """
-        B, a = self.normal(columns)
-        factor = cholesky(np.eye(len(a)) + B, lower=True)
-        half = solve_triangular(factor, a, lower=True)
-        volume = float(np.log(np.diag(factor)).sum())
-        return 0.5 * float(half @ half) - volume + self.sign(columns)
+        """Log evidence of columns with normal coefficients over none, plus `sign`."""
+        return evidence_over_none(*self.normal(columns)) + self.sign(columns)
 
     def sign(self, columns):
         """What the signs of columns' coefficients are worth in evidence: log 2 P(c >= 0) each.

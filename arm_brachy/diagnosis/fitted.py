@@ -15,6 +15,7 @@ from arm_brachy.diagnosis.law_error import by_nodes, law_of, widened
 from arm_brachy.diagnosis.matched import APART
 from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.motion import corners_of
+from arm_brachy.diagnosis.nuisances import MODULUS
 from arm_brachy.diagnosis.preload import preload
 from arm_brachy.diagnosis.recording_fit import Data
 from arm_brachy.diagnosis.refit import Refit, refit
@@ -155,7 +156,7 @@ def without_modulus(m, states):
     it, so that it is fitted in full with them.
     """
     data = data_of(m, states)
-    kept = np.array([name != 'modulus' for name in m.nuisances.names], dtype=bool)
+    kept = np.array([name != MODULUS for name in m.nuisances.names], dtype=bool)
     return replace(data, U=data.U[:, kept], own=data.own[kept])
 
 

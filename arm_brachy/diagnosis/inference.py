@@ -83,6 +83,16 @@ def log_density(U, r):
     return -0.5 * (r @ r - explained @ explained + log_det + len(r) * np.log(2.0 * np.pi))
 
 
+def evidence_over_none(B, a):
+    """Return the log evidence of columns X (n, p) with coefficients ~ N(0, I) over none.
+
+    a'(I + B)^-1 a / 2 - log det(I + B) / 2, B = X' C^-1 X (p, p), a = X' C^-1 r (p,)
+    """
+    factor = cholesky(np.eye(len(a)) + B, lower=True)
+    half = solve_triangular(factor, a, lower=True)
+    return 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
+
+
 def separation(power, cross, own):
     """Return how far an effect is from the best that a rival can make of it [sd of noise].
 

@@ -14,6 +14,8 @@ from arm_brachy.diagnosis.responses import respond
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 
+MODULUS = 'modulus'     # what the nuisance of the whole body's stiffness is called
+
 
 @dataclass(frozen=True)
 class Priors:
@@ -115,4 +117,4 @@ def _modulus(baseline, sd):
     scale = hypothesis(StiffnessScale)
     size = scale.strengths[0].typical - scale.strengths[0].neutral
     values = respond(baseline, scale).values
-    return 'modulus', {kind: part[..., 0] * (sd / size) for kind, part in values.items()}
+    return MODULUS, {kind: part[..., 0] * (sd / size) for kind, part in values.items()}

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from arm_brachy.diagnosis.decide import Rules
-from arm_brachy.diagnosis.inference import Beside
+from arm_brachy.diagnosis.inference import Beside, evidence_over_none
 from arm_brachy.diagnosis.matched import APART
 from arm_brachy.diagnosis.stream import BASE, EM, OPTICAL, TISSUE
 from arm_brachy.diagnosis.wording import listed
@@ -66,9 +66,10 @@ def said(groups):
     """Sentences on what `reglued` found; none for {}."""
     if not groups:
         return ()
-    return (f'{listed([_WORDS.get(on, f"markers on {on}") for on in groups])} do not sit in all '
-            'recordings where they sit in the first, as after glueing anew: what differs between '
-            'recordings at rest is taken for that.'.capitalize(),)
+    moved = listed([_WORDS.get(on, f'markers on {on}') for on in groups])
+    return (f'{moved[0].upper()}{moved[1:]} do not sit in all recordings where they sit in the '
+            'first, as after gluing anew: what differs between recordings at rest is taken for '
+            'that.',)
 
 
 _WORDS = {TISSUE: 'markers on the tissue', BASE: 'markers on the base',
@@ -99,5 +100,4 @@ def _own_copies(matched, names):
 
 def _gain(B, a, chosen):
     """Log evidence of some columns over none; B, a : products of all, beside what may be there."""
-    B, a = np.eye(np.count_nonzero(chosen)) + B[np.ix_(chosen, chosen)], a[chosen]
-    return float(0.5 * a @ np.linalg.solve(B, a) - 0.5 * np.linalg.slogdet(B)[1])
+    return evidence_over_none(B[np.ix_(chosen, chosen)], a[chosen])

@@ -108,9 +108,10 @@ def _draw_markers(axis, view, markers, pointed_out, unnamed):
     axis.plot(*on_paper(view, others.T), 'o', color='white', markeredgecolor=FADED, markersize=3.5,
               markeredgewidth=0.8, linestyle='')
     for name in pointed_out:
-        if name in markers:
-            axis.plot(*on_paper(view, markers[name]), 'o', color=GOAL, markersize=7, zorder=5)
-        if name in markers and name not in unnamed:
+        if name not in markers:
+            continue
+        axis.plot(*on_paper(view, markers[name]), 'o', color=GOAL, markersize=7, zorder=5)
+        if name not in unnamed:
             outward = 1 if markers[name][view.across] >= 0.0 else -1
             axis.annotate(name, on_paper(view, markers[name]), xytext=(7 * outward, 6),
                           textcoords='offset points', ha='left' if outward > 0 else 'right',
