@@ -17,13 +17,15 @@ from arm_brachy.diagnosis.stream import FORCE, OPTICAL, TISSUE
 # more than of any law. A pad elsewhere has other nodes for its outline: two meshes of the breast,
 # pads 3 mm aside, effects on positions alike to 7 to 23 %, of those 1 to 8 % in size. What hangs
 # on single nodes or points of quadrature was apart, beside its size, by 7 to 35 % (a loose base),
-# 6 to 12 % (a wall), 5 to 14 % (a lump); of one mesh that over the root of 2.
+# 5 to 10 % (a wall), 5 to 14 % (a lump); of one mesh that over the root of 2
+# (`reproduce node-errors`).
 OWN = {'pad_slip': ACCURACY, 'pad_misplacement': 0.2, 'base_debond': 0.13, 'obstacle': 0.07,
        'inclusion': 0.07}
 
 # Share by which an effect may be too large or too small as a whole since nodes stand for an edge:
-# two meshes of the breast with the pads' rims, 2000 and 2300 tetrahedra, were apart by 5, 17 and
-# 88 % where the base is loose by 14, 28 and 20 mm, by 12 % at a wall, 17 % with a lump.
+# of two meshes of the breast with the pads' rims, 2000 and 2300 tetrahedra, the markers were apart
+# by 7, 88 and 16 % where the base is loose by 14, 20 and 28 mm, by 11 % at a wall, 17 % with a lump
+# (`reproduce node-errors`).
 BY_NODES = {'base_debond': 0.25, 'obstacle': 0.1, 'inclusion': 0.1}
 
 # Of what a law has wrong, that may go with a past which its effect does not go with: of a

@@ -11,6 +11,7 @@ from arm_brachy.experiments import (
     element_accuracy,
     figure_3_2,
     model_verification,
+    node_errors,
     reduced_model,
     silicone_beam,
     table_3_1,
@@ -21,4 +22,4 @@ from arm_brachy.experiments.gel_block import study as gel_block
 EXPERIMENTS = {module.NAME: module.reproduce
                for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig,
                              element_accuracy, reduced_model, diagnosis_study,
-                             diagnosis_laboratories, dome_faults, gel_block)}
+                             diagnosis_laboratories, dome_faults, gel_block, node_errors)}

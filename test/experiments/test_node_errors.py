@@ -1,0 +1,15 @@
+"""What hangs on nodes depends on the mesh, what hangs on none does not."""
+
+import pytest
+
+from arm_brachy.diagnosis.law_error import BY_NODES
+from arm_brachy.experiments.node_errors import TERMS, compared
+
+
+def test_meshes_disagree_about_what_hangs_on_nodes_alone():
+    loose = 'loose base, 20 mm'
+    rows = compared({label: TERMS[label] for label in (loose, 'gradient')})
+    scales = {(row['term'], row['stream']): row['scale'] for row in rows}
+    for stream in ('optical', 'force'):
+        assert scales['gradient', stream] == pytest.approx(1.0, abs=0.06)
+        assert abs(scales[loose, stream] - 1.0) > BY_NODES['base_debond']
