@@ -23,8 +23,8 @@ OWN = {'pad_slip': ACCURACY, 'pad_misplacement': 0.2, 'base_debond': 0.13, 'obst
        'inclusion': 0.07}
 
 # Share by which an effect may be too large or too small as a whole since nodes stand for an edge:
-# of two meshes of the breast with the pads' rims, 2000 and 2300 tetrahedra, the markers were apart
-# by 7, 88 and 16 % where the base is loose by 14, 20 and 28 mm, by 11 % at a wall, 17 % with a lump
+# two meshes of the breast with the pads' rims, 2000 and 2300 tetrahedra, say otherwise of markers
+# by 7, 88 and 16 % where the base is loose by 14, 20 and 28 mm, 11 % at a wall, 17 % with a lump
 # (`reproduce node-errors`).
 BY_NODES = {'base_debond': 0.25, 'obstacle': 0.1, 'inclusion': 0.1}
 

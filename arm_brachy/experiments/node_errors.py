@@ -2,9 +2,9 @@
 
 A base that is loose within a radius is loose at whole nodes, a lump is stiff at whole points of
 quadrature. Two meshes of the breast, with the pads' rims among their edges and of about one size,
-are pushed with and without such a term, every pad alone and neighbours together. Of its effect on
-the markers, that of one mesh is compared with that of the other: how many times as large (`scale`),
-and what it differs by besides (`rest`, a share of it). `diagnosis.law_error` allows for both.
+are pushed with and without such a term, every pad alone and neighbours together. Its effect on one
+mesh is compared with that on the other: how many times as large it is there (`scale`), and what it
+differs by besides (`rest`, a share of it). `diagnosis.law_error` allows for both.
 Test: experiments/test_node_errors.py
 """
 
