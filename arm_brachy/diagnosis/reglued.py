@@ -39,11 +39,26 @@ def reglued(matched, problem, best):
     owner = np.concatenate([['cause'] * cause.shape[1], *(
         [on] * columns.shape[1] for on, columns in apart.items())])
     cause_alone = _gain(B, a, owner == 'cause')
-    least, every = Rules().certain + BENT * max(cause_alone, 0.0), np.ones(len(a), dtype=bool)
-    if _gain(B, a, every) - cause_alone < least:
-        return {}
-    return {on: names for on, names in groups.items()
-            if _gain(B, a, every) - _gain(B, a, owner != on) >= least}
+    least = Rules().certain + BENT * max(cause_alone, 0.0)
+    return {on: groups[on] for on in _needed(B, a, owner, list(groups), least)}
+
+
+def _needed(B, a, owner, groups, least):
+    """Those of the groups that none of the others makes up for: the idlest goes first, then anew.
+
+    Where the tracker's frame is open, the tissue that moved as one and a pad that did are alike:
+    each by itself could go.
+    """
+    def gain(some):
+        return _gain(B, a, np.isin(owner, ['cause', *some]))
+
+    while groups:
+        without = {on: gain([one for one in groups if one != on]) for on in groups}
+        idlest = max(without, key=without.get)
+        if gain(groups) - without[idlest] >= least:
+            break
+        groups = [one for one in groups if one != idlest]
+    return groups
 
 
 def with_places_apart(m, names):
