@@ -23,6 +23,7 @@ from arm_brachy.devices.em_tracker import EmTracker
 from arm_brachy.devices.force_sensor import ForceSensor
 from arm_brachy.devices.optical_tracker import OpticalTracker
 from arm_brachy.tissue.build import build_body, placement_mesh
+from arm_brachy.tissue.contact_poses import ridden
 from arm_brachy.tissue.mesh import boundary_faces, embed, interpolate, rotations
 from arm_brachy.tissue.newton import NewtonOptions
 from arm_brachy.tissue.simulator import TissueSimulator
@@ -76,7 +77,9 @@ class Body:
         self._carrier = [m.body for m in markers] + ['tissue'] * len(targets)
         for pad, true in zip(self._body.pads, true_pads, strict=True):
             # where a term has moved a pad at rest, it has moved what is fixed to it
-            self._rest[[c == pad.name for c in self._carrier]] += true.centre - pad.centre
+            riders = [c == pad.name for c in self._carrier]
+            self._rest[riders] = ridden(self._rest[riders], *(
+                (one.centre, one.direction) for one in (pad, true)))
         self._in_tissue = np.array([c == 'tissue' for c in self._carrier], dtype=bool)
         names = [n for n, inside in zip(self.point_names, self._in_tissue, strict=True) if inside]
         self._embedding = embed(placement_mesh(self.mesh, self._simulator.body),

@@ -30,18 +30,16 @@ def rest_points(scene, *terms):
 
 
 def test_points_sit_on_the_true_shape(scene):
-    """Three per cent more height at rest for tissue and pads; the base plate stays."""
+    """Three per cent more height at rest for the tissue; the base plate stays, and so do pads.
+
+    They are pushed level, and no actuator is mounted higher since the tissue is.
+    """
     (names, plain), (_, taller) = rest_points(scene), rest_points(scene, TALLER)
     carriers = {m.name: m.body for m in scene.markers}
-    pads = {p.name: p.centre for p in scene.pads}
+    assert {p.direction[2] for p in scene.pads} == {0.0}
     for name, before, after in zip(names, plain, taller, strict=True):
-        carrier = carriers.get(name, 'tissue')
-        if carrier == 'base':
-            expected = before
-        elif carrier == 'tissue':
-            expected = before * [1.0, 1.0, 1.03]
-        else:  # as much as the centre of the pad
-            expected = before + [0.0, 0.0, 0.03 * pads[carrier][2]]
+        inside = carriers.get(name, 'tissue') == 'tissue'
+        expected = before * [1.0, 1.0, 1.03] if inside else before
         # the mesh's base is plane to 1e-3, and so is its normal: 3 % of that at 60 mm
         np.testing.assert_allclose(after, expected, rtol=0.0, atol=2e-6, err_msg=name)
 
@@ -71,6 +69,17 @@ def test_a_tilted_pad_is_pushed_along_its_own_direction(scene):
     np.testing.assert_allclose(pushed.pad_displacement[0], way, atol=1e-12)
     at = start.names.index('pad_1')
     np.testing.assert_allclose(pushed.points[at] - start.points[at], way, atol=1e-12)
+
+
+def test_a_tilted_pad_swings_its_marker_about_its_centre(scene):
+    """A marker L behind the pad on -d goes to L behind it on the new -d: down where d goes up."""
+    centre, at = np.array(scene.pads[0].centre), [m.name for m in scene.markers].index('pad_1')
+    behind = dataclasses.replace(scene.markers[at], position=tuple(centre + [0.012, 0.0, 0.0]))
+    scene = dataclasses.replace(scene, markers=(*scene.markers[:at], behind,
+                                                *scene.markers[at + 1:]))
+    _, points = rest_points(scene, PadMisplacement(tilt_up=0.1, pads=('pad_1',)))
+    way = 0.012 * np.array([np.cos(0.1), 0.0, -np.sin(0.1)])
+    np.testing.assert_allclose(points[at] - centre, way, atol=1e-12)
 
 
 def test_model_and_plant_of_a_misplaced_pad_agree_on_targets(scene):

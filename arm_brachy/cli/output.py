@@ -54,7 +54,8 @@ def result_folder(out, name):
 
     Raises InputError if it holds something.
     """
-    stamp = datetime.now().strftime('%Y%m%d-%H%M%S')
+    now = datetime.now()    # of two that begin in one second each has its own
+    stamp = f'{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}'
     return fresh(out or run_dir() / f'{name}-{stamp}')
 
 

@@ -16,6 +16,7 @@ from arm_brachy.tissue.mesh import boundary_faces, volumes
 
 INTERIOR, SURFACE, BASE_PLACES = 60, 24, 12     # places in a body, on it, under it
 RELAXATION_TIMES = (0.5, 3.0, 15.0)     # s: what a recording of a minute tells apart
+BUMP_RADII = (0.013, 0.020)             # m: either side of the prior's median
 SOFTENING_ENERGIES = (15.0, 150.0)      # J/m^3: strains of 7 and 22 %
 # Azimuth, elevation [deg] of fibres: axes, diagonals of the faces and of the body of a cube, some
 # of them less than 28 degrees from any direction.
@@ -172,7 +173,8 @@ _CHOICES = (
     _Choice(_has('centre', but=('inclusion', 'base_debond', 'optical_scale', 'em_distortion')),
             lambda cls, s, o: _centres(surface_places(s, SURFACE, base=False))),
     _Choice(_has('bump_centre'), lambda cls, s, o: [{}] + [
-        {'bump_centre': tuple(place)} for place in surface_places(s, SURFACE, base=False)]),
+        {'bump_centre': tuple(place), 'bump_radius': radius}
+        for place in surface_places(s, SURFACE, base=False) for radius in BUMP_RADII]),
     _Choice(_has('azimuth', 'elevation'), lambda cls, s, o: [
         {'azimuth': np.radians(a), 'elevation': np.radians(e)} for a, e in FIBRES]),
     _Choice(_has('tau1'), lambda cls, s, o: [{'tau1': tau} for tau in RELAXATION_TIMES] + [

@@ -244,7 +244,7 @@ class Judge:
 
     def decide(self):
         """Return the Decision."""
-        before, ranked = self._scan(()), self._weighed_singles()
+        before, ranked = self._scan(()), self.weighed_singles()
         tried, left, refuted = self._alone(ranked, before)
         if before.chance >= self.rules.alarm and tried is None:
             return Decision('nothing_missing', None, (), ranked, before, before)
@@ -320,7 +320,7 @@ class Judge:
         """The best Candidate of every cause, by evidence averaged over its variants."""
         return _sorted(self._best(cause) for cause in self._variants)
 
-    def _weighed_singles(self):
+    def weighed_singles(self):
         """`singles`, those that promise most weighed, in their new order.
 
         Where the first is far ahead and leaves nothing, the others need not be, but for those

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from arm_brachy.core.errors import InputError, NotConverged
+from arm_brachy.core.errors import InputError, MeshError, NotConverged
 from arm_brachy.core.quantity import quantities
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.cause import Cause, Estimate
@@ -28,6 +28,7 @@ from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 CORNER = 0.02       # of the largest travel, that a path may be off between its corners
 STATES = 20         # of each recording at which causes are fitted in full,
 SHOWING = 6         # and those in which they show most
+FAINTER = 0.5**np.arange(6)      # of what responses ask for, tried as a start
 TO_90 = 1.645       # standard deviations to either end of a normal 90 % interval
 TANGENT, CHORD, AS_FOUND = 'tangent', 'chord', 'as found'    # of `parts_of`
 
@@ -107,10 +108,12 @@ def fit_in_full(assembly, candidate, law):
         for number, (m, some) in enumerate(zip(suspects, kept, strict=True))]
     modulus = hypothesis(StiffnessScale)
     try:
-        back = tuple(_off_zero(m, one, hypotheses, amplitudes)
+        start = [_possible(suspects[0].baseline.model.specimen.body, *x)
+                 for x in zip(hypotheses, amplitudes, strict=True)]
+        back = tuple(_off_zero(m, one, hypotheses, start)
                      for m, one in zip(suspects, data, strict=True))
         data = [one.beside(columns) for one, columns in zip(data, back, strict=True)]
-        found = refit(data, (*hypotheses, modulus), (*amplitudes, np.zeros(1)))
+        found = refit(data, (*hypotheses, modulus), (*start, np.zeros(1)))
     except (NotConverged, InputError, InvertedElement) as error:
         amplitudes = [_allowed(*x) for x in zip(hypotheses, amplitudes, strict=True)]
         estimates = tuple(_linear(*x) for x in zip(hypotheses, amplitudes, widths, strict=True))
@@ -172,6 +175,25 @@ def _allowed(hypothesis, amplitudes):
             a = min(max(a, ends[0]), ends[1])
         out.append(a)
     return np.array(out)
+
+
+def _possible(body, hypothesis, amplitudes):
+    """(k,) amplitudes, all made fainter until the body can be so.
+
+    A bump that is narrower than the real one, or beside it, has to be higher by its response than
+    elements stand; where it may go and how wide it is, only the full fit says.
+    Raises MeshError where it can be so at no size.
+    """
+    if hypothesis.cls.spec.stage is not Stage.BODY:
+        return amplitudes
+    for share in FAINTER:
+        try:
+            hypothesis.term(_allowed(hypothesis, share * amplitudes)).prepare(body)
+        except MeshError:
+            continue
+        return share * amplitudes
+    hypothesis.term(_allowed(hypothesis, amplitudes)).prepare(body)
+    return amplitudes
 
 
 def _linear(hypothesis, amplitude, width):

@@ -50,7 +50,7 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
 
     assembly, fits, one = judge()
     moved = {}
-    while more := reglued(matched, assembly.problem, next(iter(one.singles()), None)):
+    while more := reglued(matched, one):
         moved |= more
         matched, tests = ([with_places_apart(m, sum(more.values(), [])) for m in some]
                           for some in (matched, tests))

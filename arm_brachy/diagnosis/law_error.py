@@ -18,9 +18,10 @@ from arm_brachy.diagnosis.stream import FORCE, OPTICAL, TISSUE
 # pads 3 mm aside, effects on positions alike to 7 to 23 %, of those 1 to 8 % in size. What hangs
 # on single nodes or points of quadrature was apart, beside its size, by 7 to 35 % (a loose base),
 # 5 to 10 % (a wall), 5 to 14 % (a lump); of one mesh that over the root of 2
-# (`reproduce node-errors`).
+# (`reproduce node-errors`). A bump of another form than ours, a Gaussian or a cap, is met by it to
+# 11 and 8 % (tissue/terms/test_reference_shape.py).
 OWN = {'pad_slip': ACCURACY, 'pad_misplacement': 0.2, 'base_debond': 0.13, 'obstacle': 0.07,
-       'inclusion': 0.07}
+       'inclusion': 0.07, 'reference_shape': 0.1}
 
 # Share by which an effect may be too large or too small as a whole since nodes stand for an edge:
 # two meshes of the breast with the pads' rims, 2000 and 2300 tetrahedra, say otherwise of markers

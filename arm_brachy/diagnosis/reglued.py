@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from arm_brachy.diagnosis.decide import Rules
 from arm_brachy.diagnosis.inference import Beside, evidence_over_none
 from arm_brachy.diagnosis.matched import APART
 from arm_brachy.diagnosis.stream import BASE, EM, OPTICAL, TISSUE
@@ -22,15 +21,18 @@ from arm_brachy.diagnosis.wording import listed
 BENT = 0.02
 
 
-def reglued(matched, problem, best):
+def reglued(matched, judge):
     """Names of the places that are each recording's own, {} = none, by what they are on.
 
-    matched : Matched each;  problem : decide.Problem of them;  best : decide.Candidate beside
-        which they have to explain something, None = nothing
+    matched : Matched each;  judge : decide.Judge of them, for the cause beside which places of
+        their own have to explain something
+    What another shape of the body does to markers is no small effect: where its response leaves
+    something to the places, they have to do better than its full fit.
     """
-    groups = _groups(matched[0])
+    groups, problem = _groups(matched[0]), judge.problem
     if len(matched) < 2 or not groups:
         return {}
+    best = next(iter(judge.singles()), None)
     cause = np.hstack([e.columns for e in best.explanations]) if best else problem.U[:, :0]
     apart = {on: _own_copies(matched, names) for on, names in groups.items()}
     X = np.hstack([cause, *apart.values()])
@@ -39,8 +41,14 @@ def reglued(matched, problem, best):
     owner = np.concatenate([['cause'] * cause.shape[1], *(
         [on] * columns.shape[1] for on, columns in apart.items())])
     cause_alone = _gain(B, a, owner == 'cause')
-    least = Rules().certain + BENT * max(cause_alone, 0.0)
-    return {on: groups[on] for on in _needed(B, a, owner, list(groups), least)}
+    least = judge.rules.certain + BENT * max(cause_alone, 0.0)
+    needed = _needed(B, a, owner, list(groups), least)
+    if needed:
+        fitted = max([one.evidence for one in judge.weighed_singles()], default=0.0)
+        apart = _gain(B, a, np.isin(owner, ['cause', *needed]))
+        if apart - fitted < judge.rules.certain + BENT * max(fitted, 0.0):
+            return {}
+    return {on: groups[on] for on in needed}
 
 
 def _needed(B, a, owner, groups, least):

@@ -197,7 +197,8 @@ def body_changes(baseline, added):
                   for i in baseline.places()}
         return [places[i] for i in baseline.place.tolist()]
     rates, known, changes = Rates(baseline, body), {k: [] for k in baseline.places()}, []
-    attached = model.attached if not rates.shift.any() else attach(model.specimen, body)
+    still = body.pads is model.body.pads and not rates.shift.any()
+    attached = model.attached if still else attach(model.specimen, body)
     for i, fields in _states(baseline, body, terms, rates.shift):
         at = known[baseline.place[i]]
         if not any(same_fields(fields, other) for other, _ in at):

@@ -9,6 +9,7 @@ from arm_brachy.diagnosis.choice import INDISTINCT
 from arm_brachy.diagnosis.finding import Finding, sigma, threshold
 from arm_brachy.diagnosis.pad_travel import push_frame
 from arm_brachy.diagnosis.stream import BASE, EM, OPTICAL, TISSUE
+from arm_brachy.tissue.contact_poses import ridden, tilted
 
 CENTRE = np.zeros(3)    # of the distortion, by convention the scene origin
 EXCHANGED = 5.0         # placements by which an exchange must bring two markers nearer
@@ -112,28 +113,43 @@ def exchanged_findings(prepared):
     return tuple(out)
 
 
-def pad_place_findings(prepared):
+def pad_place_findings(prepared, tilts):
     """Findings about pads that at rest sit beside their place in the scene, and their markers.
+
+    tilts : pad -> (up, side) [rad] by which its push was seen to go another way
 
     Along the push a marker may be off because the pad touches elsewhere, which is no fault. Of one
     marker on a pad nothing tells whether it is the pad or the marker that sits elsewhere; of
-    several that are off alike it is the pad, of several that are not each that is off.
+    several that are off alike it is the pad, of several that are not each that is off. What swings
+    with a push that is tilted is no place of its own.
     """
     evidence, registration = prepared.evidence, prepared.registration
     if registration is None or registration.span is None or not registration.on:
         return ()
     out = []
-    for pad, direction in zip(evidence.pads, evidence.directions, strict=True):
-        out += _places_on(prepared, pad, push_frame(direction))
+    for pad, direction in zip(evidence.scene.pads, evidence.directions, strict=True):
+        out += _places_on(prepared, pad.name, push_frame(direction),
+                          _swing(pad, direction, tilts.get(pad.name)))
     return tuple(out)
 
 
-def _places_on(prepared, pad, frame):
-    """Findings about one pad and the markers on it."""
+def _swing(pad, direction, tilt):
+    """Function from points (3,) on a scene's pad to how far they go [m] as it is tilted.
+
+    direction : (3,) of its push;  tilt : (up, side) [rad], None = not
+    """
+    if tilt is None:
+        return np.zeros_like
+    before, after = ((np.array(pad.centre), way) for way in (direction, tilted(direction, *tilt)))
+    return lambda point: ridden(point, before, after) - point
+
+
+def _places_on(prepared, pad, frame, swing):
+    """Findings about one pad and the markers on it; swing : as of `_swing`."""
     optical, placement = prepared.evidence.get(OPTICAL), prepared.calibration.placement
     limit = threshold(len(prepared.evidence.pads), 2)
-    off = {optical.names[k]: frame @ (prepared.registration.rest[k] - optical.rest[k])
-           for k in optical.on(pad)}
+    off = {optical.names[k]: _less(frame @ (prepared.registration.rest[k] - optical.rest[k]),
+                                   frame @ swing(optical.rest[k])) for k in optical.on(pad)}
     off = {name: way for name, way in off.items() if np.isfinite(way).all()}
     odd = {name: z for name, way in off.items()
            if (z := sigma(way[1:], 0.0, placement)) > limit}
@@ -152,6 +168,14 @@ def _places_on(prepared, pad, frame):
         f'{"their places" if several else "its place: pad or marker"}.',
         rivals=() if several else ('marker_slip',), parameters={
             'up': float(middle[1]), 'side': float(middle[2]), 'pads': (pad,)})]
+
+
+def _less(off, swung):
+    """How far (3,) [m] a marker is off its place, less its swing, if that has it nearer.
+
+    Of a stage that is mounted askew with a pad that is not, no marker swings.
+    """
+    return min(off, off - swung, key=lambda way: np.linalg.norm(way[1:]))
 
 
 def _marker_aside(prepared, name, off, z):

@@ -10,6 +10,7 @@ from arm_brachy.core.scene import Scene
 from arm_brachy.diagnosis.stream import BASE, TISSUE
 from arm_brachy.tissue.body import SoftBody, TetMesh
 from arm_brachy.tissue.build import build_body, placement_mesh
+from arm_brachy.tissue.contact_poses import ridden
 from arm_brachy.tissue.mesh import Embedding, embed, interpolate
 
 
@@ -100,10 +101,10 @@ def attach(specimen, body):
     """Return the Attachment of a Specimen's points to `body`, its body as terms prepared it."""
     carriers = np.array([*specimen.carriers, *[TISSUE] * len(specimen.tools)])
     on_pad = (carriers[:, None] == np.array(specimen.pads)).astype(float)
-    shift = np.array([new.centre - old.centre
-                      for new, old in zip(body.pads, specimen.body.pads, strict=True)]
-                     ).reshape(-1, 3)
-    rest, inside = specimen.rest + on_pad @ shift, carriers == TISSUE
+    rest, inside = specimen.rest.copy(), carriers == TISSUE
+    for riders, old, new in zip(on_pad.T > 0.0, specimen.body.pads, body.pads, strict=True):
+        rest[riders] = ridden(rest[riders], (old.centre, old.direction),
+                              (new.centre, new.direction))
     names = [*specimen.markers, *specimen.tools]
     embedding = embed(placement_mesh(specimen.mesh, body), rest[inside],
                       names=[name for name, here in zip(names, inside, strict=True) if here])

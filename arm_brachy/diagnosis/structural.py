@@ -56,7 +56,7 @@ def structure_of(prepared):
     Test: diagnosis/structural/test_structural.py
     """
     found = [*gap_findings(prepared), *exchanged_findings(prepared), *em_findings(prepared),
-             *pad_place_findings(prepared), *balance_findings(prepared)]
+             *balance_findings(prepared)]
     pads, clocks, events, turning, swings = (), {}, (), {}, None
     if prepared.motion is not None:
         tests = channels(prepared)
@@ -84,9 +84,16 @@ def structure_of(prepared):
     if swings is not None:
         found += rhythm_findings(swings, prepared.calibration.restless)
     found += base_findings(prepared, events)
+    found += pad_place_findings(prepared, _tilts(found))
     merged = merge(found, prepared.evidence.pads, [one.pad for one in pads])
     return Structure(tuple(sorted(merged, key=lambda f: -f.z)), pads, clocks, tuple(turning),
                      0.0 if swings is None else swings.rhythm.frequency)
+
+
+def _tilts(found):
+    """Pad -> (up, side) [rad] of the Findings that its push goes another way."""
+    return {pad: (one.parameters['tilt_up'], one.parameters['tilt_side'])
+            for one in found if one.parameter == 'tilt_up' for pad in one.parameters['pads']}
 
 
 def channels(prepared):

@@ -54,6 +54,29 @@ def carried(x, start, goal):
     return (x - start[:3, 3]) @ start[:3, :3] @ goal[:3, :3].T + goal[:3, 3]
 
 
+def tilted(direction, up, side):
+    """Return a push direction (3,), a unit vector, turned by angles [rad] up and to the side.
+
+    Up is the direction across it that is nearest to world z (to x for one along z), `placed`.
+    """
+    e_u, e_s = placed(np.zeros(3), direction)[:3, :2].T
+    new = direction + np.tan(up) * e_u + np.tan(side) * e_s
+    return new / np.linalg.norm(new)
+
+
+def ridden(points, before, after):
+    """Return where points (n, 3) [m] go that are fixed to a pad which is moved at rest.
+
+    before, after : (centre (3,) [m], push direction (3,)), unit vectors, of the pad: its centre
+        takes them along, and they turn about it as the push does, by the smallest turn that takes
+        one direction to the other, as a bracket does that is tilted
+    """
+    (centre, old), (there, new) = before, after
+    arm, axis = points - centre, np.cross(old, new)
+    once = np.cross(axis, arm)
+    return there + arm + once + np.cross(axis, once) / (1.0 + np.dot(old, new))
+
+
 def checked_poses(X_WB, pairs):
     """Return X_WB as a float array (b, 4, 4), one rigid pose per ContactPair.
 

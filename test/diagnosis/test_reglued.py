@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
+from arm_brachy.diagnosis.decide import Rules
+from arm_brachy.diagnosis.inference import Beside, evidence_over_none
 from arm_brachy.diagnosis.nuisances import Nuisances
 from arm_brachy.diagnosis.reglued import apart_in, named_apart, reglued, said
 from arm_brachy.diagnosis.stream import BASE, EM, TISSUE
@@ -39,10 +41,11 @@ class Two:
         self.noise = rng.standard_normal(2 * rows)
         self.rng = rng
 
-    def found(self, *moved, cause=0.0, bent=0.0):
+    def found(self, *moved, cause=0.0, bent=0.0, fits=False):
         """`reglued` where markers on `moved` were glued anew and the cause is so large.
 
         bent : part of the cause's effect, at rest, that its response does not have
+        fits : True if its full fit has that, False if it is as its response
         """
         shift = np.repeat([on in moved for on in MARKERS.values()], 3) * self.rng.standard_normal(
             len(PLACES))
@@ -52,9 +55,14 @@ class Two:
         r = (self.noise + effect + wrong
              + np.concatenate([np.zeros(len(self.place)), self.place @ shift]))
         U = np.hstack([block_diag(self.frame, self.frame), np.vstack([self.place] * 2)])
-        problem = SimpleNamespace(U=U, r=r)
         best = SimpleNamespace(explanations=[SimpleNamespace(columns=self.cause)])
-        return set(reglued(self.matched, problem, best))
+        fitted = (self.cause + wrong[:, None] / max(3 * cause, 1e-9)) if fits else self.cause
+        weighted = Beside(U).weighted(np.column_stack([fitted, r]))
+        evidence = evidence_over_none(fitted.T @ weighted[:, :-1], fitted.T @ weighted[:, -1])
+        judge = SimpleNamespace(problem=SimpleNamespace(U=U, r=r), rules=Rules(),
+                                singles=lambda: (best,),
+                                weighed_singles=lambda: (SimpleNamespace(evidence=evidence),))
+        return set(reglued(self.matched, judge))
 
 
 @pytest.fixture(params=range(5))
@@ -84,8 +92,13 @@ def test_what_a_large_sag_bends_is_no_glue(two):
     assert two.found(cause=30.0, bent=1.0)
 
 
+def test_what_its_full_fit_has_is_no_glue(two):
+    assert two.found(cause=30.0, bent=1.0, fits=True) == set()
+    assert two.found(BASE, cause=3.0, fits=True) == {BASE}
+
+
 def test_one_recording_has_nothing_to_differ_from(two):
-    assert reglued(two.matched[:1], None, None) == {}
+    assert reglued(two.matched[:1], SimpleNamespace(problem=None)) == {}
 
 
 def test_places_apart_keep_their_number_and_are_known_again():

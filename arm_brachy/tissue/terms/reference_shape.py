@@ -24,9 +24,10 @@ class ReferenceShape(BodyTerm):
 
     Nodes keep their numbers and material points move along: markers and targets attached in the
     scene's mesh sit at the same material point of the true shape, as marks made on the tissue do,
-    and not where the scene says. A pad is brought up to the true surface: its nodes and centre
-    move along, its direction is the actuator's and stays. Edges are straight in the true shape
-    too. Holds for smooth, small changes; elements are stretched, not remeshed.
+    and not where the scene says. A pad is glued to the patch of its nodes, wherever that is now;
+    its actuator stays where it is mounted, so that the pad, and markers on it, come to the true
+    surface by a longer or a shorter way along its push and no other way. Edges are straight in the
+    true shape too. Holds for smooth, small changes; elements are stretched, not remeshed.
     Test: tissue/terms/test_reference_shape.py (bars, volume of the bump, plane base, markers)
     """
 
@@ -71,7 +72,7 @@ class ReferenceShape(BodyTerm):
             ends = nodes[body.mesh.tets[:, EDGES]]
             nodes[body.mesh.midside] = 0.5 * (ends[:, :, 0] + ends[:, :, 1])
         self._refuse_inverted(nodes, body.mesh.tets)
-        pads = tuple(replace(pad, centre=move(pad.centre[None])[0]) for pad in body.pads)
+        pads = tuple(_brought_up(pad, move) for pad in body.pads)
         return replace(body, mesh=replace(body.mesh, nodes=nodes), pads=pads)
 
     def _motion(self, body):
@@ -112,6 +113,12 @@ class ReferenceShape(BodyTerm):
                             f'out, first {bad[0]}; a bump of {1e3 * self.bump_height:g} mm is too '
                             f'steep for a radius of {1e3 * self.bump_radius:g} mm; make it lower '
                             'or wider')
+
+
+def _brought_up(pad, move):
+    """The pad at the surface that `move` has moved, along its push."""
+    off = move(pad.centre[None])[0] - pad.centre
+    return replace(pad, centre=pad.centre + (off @ pad.direction) * pad.direction)
 
 
 def _surface(body):

@@ -69,6 +69,27 @@ def exchanged(one, two):
     return change
 
 
+def test_a_marker_that_swings_with_a_tilted_push_sits_in_its_place(laboratory, happened):
+    """More than 2 mm aside at rest, 11 mm behind the pad: what the tilt of its push says."""
+    scene = laboratory((), 1).scene
+    pad, d = scene.pads[2], np.array(scene.pads[2].direction)
+    turned = Rotation.from_rotvec(0.25 * np.cross(d, [0.0, 0.0, 1.0])
+                                  / np.linalg.norm(np.cross(d, [0.0, 0.0, 1.0]))).apply(d)
+
+    def swing(t, names, points):
+        k = list(names).index('pad_2')
+        points = points.copy()
+        points[k] = pad.centre + ((points[k] - pad.centre) @ d) * turned
+        return points
+
+    rest = next(m.position for m in scene.markers if m.name == 'pad_2')
+    away = swing(0.0, ['pad_2'], np.array([rest]))[0] - rest
+    assert np.linalg.norm(away) > 2e-3
+    found, = happened(disturb=swing)
+    assert found.term == 'pad_misplacement' and found.parameter == 'tilt_up'
+    assert found.value == pytest.approx(0.25, rel=0.1)
+
+
 def test_exchanged_names_of_neighbours(laboratory):
     """Two markers 8 mm apart: too near for the shape of all markers to be refused."""
     lab = laboratory((), 53)

@@ -4,8 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from arm_brachy.core.errors import MeshError
+from arm_brachy.diagnosis.law_error import OWN
 from arm_brachy.tissue.body import Pad, SoftBody
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.element import EDGES
@@ -88,6 +90,20 @@ def test_base_normal_and_not_an_axis_is_what_is_up():
                                shape.prepare(upright).mesh.nodes @ turn.T, atol=1e-15)
 
 
+def test_a_pad_comes_to_the_surface_along_its_push():
+    """Its actuator stays where it is mounted: a pad at the side of a body that grew is no higher.
+
+    It is glued to its patch all the same, which now lies elsewhere.
+    """
+    plain = block()
+    aside = dataclasses.replace(plain.pads[0], direction=np.array([0.6, 0.0, -0.8]))
+    grown = ReferenceShape(height=0.05).prepare(dataclasses.replace(plain, pads=(aside,)))
+    rise = 0.05 * 0.06
+    np.testing.assert_allclose(grown.pads[0].centre - aside.centre,
+                               -0.8 * rise * aside.direction, atol=1e-15)
+    np.testing.assert_allclose(grown.mesh.nodes[aside.nodes, 2], 0.06 + rise, rtol=1e-12)
+
+
 def test_pads_come_along():
     shape = ReferenceShape(height=0.05, bump_height=1e-3, bump_centre=TOP)
     plain = block()
@@ -98,6 +114,24 @@ def test_pads_come_along():
     np.testing.assert_allclose(grown.mesh.nodes[middle], pad.centre)
     np.testing.assert_array_equal(pad.nodes, plain.pads[0].nodes)
     np.testing.assert_array_equal(pad.direction, plain.pads[0].direction)
+
+
+@pytest.mark.parametrize(('form', 'share'), [
+    (lambda r: np.exp(-0.5 * r**2), 0.11), (lambda r: np.maximum(1.0 - (r / 2.0)**2, 0.0), 0.08)])
+def test_bumps_of_other_forms_are_met_to_a_tenth(form, share):
+    """Of a Gaussian and of a cap, rms over the area: what the full fit of a bump leaves."""
+    r = np.linspace(0.0, 4.0, 2000)
+    points = np.column_stack([r, 0.0 * r, 0.0 * r])
+
+    def off(numbers):
+        height, radius = numbers
+        ours = ReferenceShape(bump_centre=(0.0, 0.0, 0.0), bump_radius=radius)
+        return np.sqrt(r) * (height * ours._profile(points) - form(r))
+
+    best = least_squares(off, [1.0, 2.5])
+    left = np.linalg.norm(best.fun) / np.linalg.norm(np.sqrt(r) * form(r))
+    assert left == pytest.approx(share, abs=0.005)
+    assert share <= 1.1 * OWN['reference_shape']
 
 
 def test_a_marker_keeps_its_material_point():
