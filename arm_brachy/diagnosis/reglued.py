@@ -3,7 +3,7 @@
 Recordings of one set-up share the places of markers, which is how one in which nothing is wrong
 tells of a sag. A cell that was cleaned and glued anew between two of them moves every marker its
 own way; no cause does, but the best of them fits some of it, with any evidence. Then every
-recording has places of its own.
+recording has places of its own: of what was glued anew, or of all where it was more than one kind.
 Test: diagnosis/test_reglued.py
 """
 
@@ -19,6 +19,11 @@ from arm_brachy.diagnosis.wording import listed
 # Share of the evidence for the best cause that its response, being linear, may leave to anything:
 # a seventh of its effect.
 BENT = 0.02
+# Kinds of things that were seen to be glued anew from which on all were: a laboratory that was
+# cleaned. What the others show at rest is then no cause's either.
+SEVERAL = 2
+# Share of it below which a full fit may still have what a response leaves: a third of the effect.
+CURVED = 0.1
 
 
 def reglued(matched, judge):
@@ -27,7 +32,7 @@ def reglued(matched, judge):
     matched : Matched each;  judge : decide.Judge of them, for the cause beside which places of
         their own have to explain something
     What another shape of the body does to markers is no small effect: where its response leaves
-    something to the places, they have to do better than its full fit.
+    little to the places, they have to do better than its full fit.
     """
     groups, problem = _groups(matched[0]), judge.problem
     if len(matched) < 2 or not groups:
@@ -43,12 +48,12 @@ def reglued(matched, judge):
     cause_alone = _gain(B, a, owner == 'cause')
     least = judge.rules.certain + BENT * max(cause_alone, 0.0)
     needed = _needed(B, a, owner, list(groups), least)
-    if needed:
-        fitted = max([one.evidence for one in judge.weighed_singles()], default=0.0)
-        apart = _gain(B, a, np.isin(owner, ['cause', *needed]))
+    apart = _gain(B, a, np.isin(owner, ['cause', *needed]))
+    if needed and apart - cause_alone < CURVED * apart:
+        fitted = max(one.evidence for one in judge.weighed_singles())
         if apart - fitted < judge.rules.certain + BENT * max(fitted, 0.0):
             return {}
-    return {on: groups[on] for on in needed}
+    return groups if len(needed) >= SEVERAL else {on: groups[on] for on in needed}
 
 
 def _needed(B, a, owner, groups, least):
