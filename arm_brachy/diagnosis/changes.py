@@ -25,7 +25,8 @@ DEPENDENT = 1e-11  # of the largest eigenvalue: below, rounding makes up the dir
 class Step:
     """A step of c series.
 
-    t : [s] of the first sample after it;  low, high : [s] 90 % interval of that
+    t : [s] of the first sample after it;  low, high : [s] 90 % interval of when it was, from the
+        last sample before to the first one after
     size : (c,);  sd : (c,) of the size;  statistic : T, the fall of chi^2 by the step
     chance : probability that noise alone reaches it anywhere in the series
     The interval holds the candidates within 5.94 of the best T: log likelihoods on either side
@@ -76,7 +77,8 @@ def step_scan(t, y, valid, colour, sd, nuisance=None, *, least=LEAST):
     near = index[statistic >= statistic[best] - DROP]
     k = index[best]
     neighbours = _neighbours(valid, response, tilt, free, index)
-    return Step(float(t[k]), float(t[near[0]]), float(t[near[-1]]),
+    before = np.flatnonzero(valid[:near[0]])[-1]
+    return Step(float(t[k]), float(t[before]), float(t[near[-1]]),
                 match[k] / free[k] * sd, sd / np.sqrt(free[k]), float(statistic[best]),
                 chance(float(statistic[best]), y.shape[1], neighbours))
 

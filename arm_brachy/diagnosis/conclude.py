@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from arm_brachy.diagnosis.cause import Estimate
 from arm_brachy.diagnosis.fitted import AS_FOUND, CHORD, TO_90, parts_of, tested_part
+from arm_brachy.diagnosis.given import onsets_in
 from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.inference import detectability, posterior
 from arm_brachy.diagnosis.mesh_errors import NAMES
@@ -38,11 +39,12 @@ def places_of(fitted, scene):
     return tuple(place_of(term, scene, spreads.get(i)) for i, term in enumerate(fitted.terms))
 
 
-def options_of(decision, fits, scene):
+def options_of(decision, fits, scene, onsets):
     """(causes, places) of what was accepted and of what equals it, options numbered from 1.
 
-    fits : full_fits.FullFits. A cause that all options share holds in any case: it is told once,
-    without a number, as it was fitted in the likeliest.
+    fits : full_fits.FullFits;  onsets : as of `given.onsets_in`, of all recordings
+    A cause that all options share holds in any case: it is told once, without a number, as it was
+    fitted in the likeliest.
     """
     if decision.accepted is None:
         return (), ()
@@ -57,9 +59,21 @@ def options_of(decision, fits, scene):
                 continue
             option = 0 if shared or not decision.equals else number + 1
             sure = min(float(first + np.sum(others)), 1.0) if shared else cause.probability
-            causes.append(replace(cause, probability=sure, option=option))
+            causes.append(replace(_begun(cause, onsets), probability=sure, option=option))
             places += [] if place is None else [replace(place, option=option)]
     return tuple(causes), tuple(places)
+
+
+def _begun(cause, onsets):
+    """The Cause with the interval of its onset, where that was seen; onsets : as of `options_of`.
+
+    A fit at single states leaves an onset as it was given.
+    """
+    onset = cause.parameters.get('onset')
+    if onset is None or onset.value not in onsets:
+        return cause
+    return replace(cause, parameters={**cause.parameters,
+                                      'onset': Estimate(onset.value, *onsets[onset.value])})
 
 
 def _spreads(fit):
@@ -102,11 +116,13 @@ def times_of(assembly, candidate):
     """statements.Interval in which each cause of a decide.Candidate shows."""
     out, first = [], 0
     for one in candidate.explanations:
+        began = assembly.hypothesis_of(one)[0].place.get('onset')
         width = one.columns.shape[1]
         effect = one.columns @ candidate.mean[first:first + width]
         first += width
         for m, rows in split_rows(assembly, effect):
-            out += intervals(m, shown_in(m, rows), term=one.cause)
+            out += intervals(m, shown_in(m, rows), term=one.cause,
+                             onset=onsets_in(m.recorded).get(began))
     return tuple(out)
 
 

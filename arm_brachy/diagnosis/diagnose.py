@@ -28,7 +28,7 @@ from arm_brachy.diagnosis.from_finding import (
     options_of,
     place_of,
 )
-from arm_brachy.diagnosis.given import given, occasions_of
+from arm_brachy.diagnosis.given import given, occasions_of, onsets_in
 from arm_brachy.diagnosis.hypotheses import try_all
 from arm_brachy.diagnosis.judgement import judged
 from arm_brachy.diagnosis.matched import match
@@ -183,7 +183,9 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
     accepted, specimen = decision.accepted, assembly.matched[0].baseline.model.specimen
     scene = specimen.scene
     explanations = accepted.explanations if accepted else ()
-    causes, where = conclude.options_of(decision, judgement.fits, scene)
+    onsets = {middle: ends for m in assembly.matched
+              for middle, ends in onsets_in(m.recorded).items()}
+    causes, where = conclude.options_of(decision, judgement.fits, scene, onsets)
     when = [] if accepted is None else conclude.times_of(assembly, accepted)
     fitted = [judgement.fits.of(one) for one in (accepted, *decision.equals) if one is not None]
     best = fitted[0] if fitted else None

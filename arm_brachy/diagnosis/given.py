@@ -96,13 +96,18 @@ def term_of(finding):
         for key, value in finding.parameters.items()})
 
 
+def onsets_in(recorded):
+    """Middle -> (low, high) [s], 90 %, of when something began suddenly in a recorded.Recorded."""
+    return {float(sum(finding.onset) / 2.0): finding.onset
+            for finding in recorded.structure.findings if finding.onset is not None}
+
+
 def occasions_of(recorded):
     """candidates.Occasions: when something happened suddenly, in which of them, and rhythms."""
     owners, windows, frequencies, ends = {}, set(), [], []
     for number, one in enumerate(recorded):
         ends.append(float(one.states.t[-1]))
-        onsets = sorted({float(sum(finding.onset) / 2.0) for finding in one.structure.findings
-                         if finding.onset is not None})
+        onsets = sorted(onsets_in(one))
         for onset in onsets:
             owners['onset', onset] = (*owners.get(('onset', onset), ()), number)
         stops = [*onsets, ends[-1]][1:]

@@ -21,7 +21,8 @@ def shown_in(matched, rows):
 def intervals(matched, size, *, term='', onset=None):
     """statements.Interval each in which an effect of `size` (n,) shows; a tuple, largest first.
 
-    onset : (low, high) [s] of a sudden beginning;  term : of the cause, '' = not known
+    onset : (low, high) [s] of a sudden beginning, None = not known: what shows in the first state
+        after it shows from then on;  term : of the cause, '' = not known
     """
     states = matched.recorded.states
     if not size.max(initial=0.0) > 0.0:
@@ -33,9 +34,13 @@ def intervals(matched, size, *, term='', onset=None):
         runs = [strong]
     runs.sort(key=lambda run: -size[run].max())
     half = 0.5 * states.width
-    return tuple(Interval(matched.recorded.name, float(states.t[run[0]] - half[run[0]]),
-                          float(states.t[run[-1]] + half[run[-1]]), regime, onset, term)
-                 for run in runs)
+    out = []
+    for run in runs:
+        begun = onset if onset and run[0] == np.searchsorted(states.t, onset[0]) else None
+        start = begun[0] if begun else states.t[run[0]] - half[run[0]]
+        out.append(Interval(matched.recorded.name, float(start),
+                            float(states.t[run[-1]] + half[run[-1]]), regime, begun, term))
+    return tuple(out)
 
 
 def regime_of(states, size):

@@ -279,7 +279,11 @@ def test_a_slip_in_one_of_two_recordings_is_named_and_is_none_in_the_other(recor
                   record((slip,), seed=1, name='slipped', legs=PUSHES[:4])), source(),
                  meshes=MESHES, held_out=(record((), 3, 'later', PUSHES[2:4]),)).diagnosis
     assert d.verdict == 'named' and [cause.term for cause in d.causes] == ['marker_slip']
-    assert {when.recording for when in d.when} == {'slipped'}
+    when, = d.when
+    onset = d.causes[0].parameters['onset']
+    assert onset.low < 6.0 <= onset.high < onset.low + 0.2
+    assert when.recording == 'slipped' and when.t_start == onset.low
+    assert when.onset == (onset.low, onset.high)
     optical = next(fit for fit in d.fit if fit.stream == 'optical')
     assert optical.named < 1.2 * optical.noise_floor
 

@@ -56,7 +56,7 @@ def test_onset_lies_in_its_interval_nine_times_in_ten(colour):
         k, y = rng.integers(60, N - 60), noise(rng, colour, 1)
         y[k:] += 1.5
         step = step_scan(T, y, np.ones(N, dtype=bool), colour, np.ones(1))
-        hits += step.low <= T[k] <= step.high
+        hits += step.low <= T[k - 1] and T[k] <= step.high
     assert hits >= 123   # 90 % of 150 less three standard deviations
 
 
