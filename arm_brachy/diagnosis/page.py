@@ -95,7 +95,9 @@ def write_diagnosis(d, shown, out_html):
         certainty=_typeset(words.certainty(d)), nearest=_nearest(d),
         alternatives=_alternative_grid(d),
         request='' if d.next_experiment is None else words.request(d.next_experiment),
-        moves=_yaml(d.next_experiment), corrected=d.scene, recalibrated=_recalibrated_grid(d),
+        moves=_yaml(d.next_experiment), corrected=d.scene,
+        corrected_has_causes=any(cause.physical for cause in d.causes),
+        recalibrated=_recalibrated_grid(d),
         findings=_finding_grid(d), notes=d.notes, recordings=_recording_grid(source),
         provenance=_provenance(source), command=source.command, scenario='')
 

@@ -108,6 +108,13 @@ def test_nothing_missing_claims_no_place_and_no_cause(pages):
     assert not {'Where', 'When', 'What', 'The corrected scene'} & set(page.headings)
 
 
+def test_a_scene_with_nothing_but_a_modulus_says_so(answers, shown, tmp_path):
+    sound = replace(answers['nothing_missing'], scene='corrected.yaml')
+    page = Page(write_diagnosis(sound, bare(shown(sound)), tmp_path / 'page.html'))
+    assert 'Has what was recalibrated, for nothing was found' in page.text
+    assert 'Shows what was found' not in page.text
+
+
 def test_how_to_get_it_again(pages, answers):
     source = answers['named'].provenance
     for part in (source.command, str(source.seed), source.commit, source.machine):
