@@ -108,7 +108,7 @@ def fit_in_full(assembly, candidate, law):
         for number, (m, some) in enumerate(zip(suspects, kept, strict=True))]
     modulus = hypothesis(StiffnessScale)
     try:
-        start = [_possible(suspects[0].baseline.model.specimen.body, *x)
+        start = [possible_start(suspects[0].baseline.model.specimen.body, *x)
                  for x in zip(hypotheses, amplitudes, strict=True)]
         back = tuple(_off_zero(m, one, hypotheses, start)
                      for m, one in zip(suspects, data, strict=True))
@@ -177,7 +177,7 @@ def _allowed(hypothesis, amplitudes):
     return np.array(out)
 
 
-def _possible(body, hypothesis, amplitudes):
+def possible_start(body, hypothesis, amplitudes):
     """(k,) amplitudes, all made fainter until the body can be so.
 
     A bump that is narrower than the real one, or beside it, has to be higher by its response than
@@ -189,11 +189,10 @@ def _possible(body, hypothesis, amplitudes):
     for share in FAINTER:
         try:
             hypothesis.term(_allowed(hypothesis, share * amplitudes)).prepare(body)
-        except MeshError:
-            continue
-        return share * amplitudes
-    hypothesis.term(_allowed(hypothesis, amplitudes)).prepare(body)
-    return amplitudes
+            return share * amplitudes
+        except MeshError as error:
+            refused = error
+    raise refused
 
 
 def _linear(hypothesis, amplitude, width):

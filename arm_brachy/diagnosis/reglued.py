@@ -48,10 +48,10 @@ def reglued(matched, judge):
     cause_alone = _gain(B, a, owner == 'cause')
     least = judge.rules.certain + BENT * max(cause_alone, 0.0)
     needed = _needed(B, a, owner, list(groups), least)
-    apart = _gain(B, a, np.isin(owner, ['cause', *needed]))
-    if needed and apart - cause_alone < CURVED * apart:
+    with_glue = _gain(B, a, np.isin(owner, ['cause', *needed]))
+    if needed and with_glue - cause_alone < CURVED * with_glue:
         fitted = max(one.evidence for one in judge.weighed_singles())
-        if apart - fitted < judge.rules.certain + BENT * max(fitted, 0.0):
+        if with_glue - fitted < judge.rules.certain + BENT * max(fitted, 0.0):
             return {}
     return groups if len(needed) >= SEVERAL else {on: groups[on] for on in needed}
 

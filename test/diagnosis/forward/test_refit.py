@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm_brachy.core.errors import InputError, NotConverged
+from arm_brachy.core.errors import InputError, MeshError, NotConverged
 from arm_brachy.devices.terms.actuator_gain import ActuatorGain
 from arm_brachy.devices.terms.backlash import Backlash
 from arm_brachy.devices.terms.force_gain import ForceGain
 from arm_brachy.devices.terms.optical_scale import OpticalScale
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.candidates import surface_places
+from arm_brachy.diagnosis.fitted import FAINTER, possible_start
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.inference import Beside
@@ -22,6 +23,7 @@ from arm_brachy.diagnosis.recording_fit import Data
 from arm_brachy.diagnosis.refit import Options, refit
 from arm_brachy.diagnosis.responses import together
 from arm_brachy.diagnosis.slip import ACCURACY
+from arm_brachy.registry import by_name
 from arm_brachy.tissue.terms.base_debond import FADE, RIM, BaseDebond
 from arm_brachy.tissue.terms.external_force import ExternalForce
 from arm_brachy.tissue.terms.inclusion import Inclusion
@@ -239,6 +241,21 @@ def test_where_tangents_lead_the_end_is_that_of_full_runs(record, linear, encode
         other = plain.estimates[0][field]
         assert np.all(np.abs(np.subtract(one.value, other.value)) < 0.1 * width(other))
     assert led.runs <= (plain.runs + 1 if held else 0.5 * plain.runs)
+
+
+def test_a_bump_that_elements_do_not_stand_starts_lower(linear):
+    """And one that they stand starts as it is; what is no change of the body is not asked."""
+    bump = hypothesis(by_name('reference_shape'), bump_centre=(0.0, 0.05, 0.03),
+                      bump_radius=0.02)
+    with pytest.raises(MeshError):
+        bump.term(np.array([0.0, 0.0, -12.0])).prepare(linear.body)
+    start = possible_start(linear.body, bump, np.array([0.0, 0.0, -12.0]))
+    assert start[2] in -12.0 * FAINTER[1:]
+    bump.term(start).prepare(linear.body)
+    low = np.array([0.1, 0.0, -0.5])
+    np.testing.assert_array_equal(possible_start(linear.body, bump, low), low)
+    gain = hypothesis(ActuatorGain)
+    assert possible_start(linear.body, gain, low) is low
 
 
 def test_a_push_is_found_from_the_next_place_on_the_surface(record, linear):
