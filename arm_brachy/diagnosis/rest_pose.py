@@ -80,7 +80,10 @@ def _em_offset(prepared, em, seen, off, noise, span):
                         f'At rest the EM positions are stretched by {100.0 * gradient:.1f} % '
                         'about the origin.', rivals=('reference_shape',),
                         parameters={'gradient': gradient}),)
-    alike = left_stretch < left_shift + INDISTINCT
+    # one tool, or several that are not off alike: a field that turns, or bends about another
+    # centre, may be that as well
+    one_or_apart = len(off) == 1 or np.sqrt(left_shift) > threshold(1, 3 * (len(off) - 1))
+    alike = one_or_apart or left_stretch < left_shift + INDISTINCT
     rivals = ('reference_shape',) + (('em_distortion',) if alike else ())
     names = ', '.join(em.names[i] for i in seen)
     return (Finding(EM, '', 'em_offset', 'offset', shift, 'm', sd, z, *span,

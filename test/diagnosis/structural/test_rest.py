@@ -40,6 +40,15 @@ def test_a_stretch_of_the_em_tracker(happened):
     assert found.term == 'em_distortion' and found.value == pytest.approx(0.1, rel=0.1)
 
 
+def test_an_em_field_that_turns_may_be_an_offset_of_it_by_half(happened):
+    """Tools that are not off alike: the model is asked. Of a shift alone it is not."""
+    found, = happened({'name': 'em_distortion', 'gradient_mm_per_mm': 0.0,
+                       'rotation_mm_per_mm': [0.1, -0.1, 0.05], 'centre_mm': [40.0, 0.0, 0.0]})
+    assert found.term == 'em_offset' and 'em_distortion' in found.rivals
+    found, = happened({'name': 'em_offset', 'offset_mm': [4.0, -3.0, 2.0]})
+    assert found.term == 'em_offset' and 'em_distortion' not in found.rivals
+
+
 def test_a_scale_of_the_optical_tracker_shows_on_pads_and_base(happened):
     found, = happened({'name': 'optical_scale', 'scale': 0.012})
     assert found.term == 'optical_scale' and found.value == pytest.approx(0.012, rel=0.15)
