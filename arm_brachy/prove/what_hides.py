@@ -47,7 +47,7 @@ class Visible:
     oracle : of `prove.oracle`, all samples;  at_states : at the states compared, beside nothing
     calibrated : beside nuisances and tolerances;  seen : beside the errors of the mesh as well
     tested : largest z of the structured tests, of the effect without noise
-    outcome : of the trial
+    outcome : of the trial, in its mode absolute if it had one
     """
 
     case: str
@@ -62,9 +62,10 @@ class Visible:
 
 
 def opened(commit):
-    """(jobs, truths, rows of mode absolute), each by name of the case, of results/trials/COMMIT.
+    """(jobs, truths, rows), each by name of the case, of results/trials/COMMIT.
 
-    Raises InputError where there is none.
+    The rows are those of mode absolute, or beside null recordings where it was not asked for.
+    Raises InputError where there is no such trial.
     """
     folder = share_dir() / 'results' / 'trials' / commit
     trial = read_json(folder / 'opened.json')
@@ -73,10 +74,11 @@ def opened(commit):
                          'results/trials')
     truths = {name: one['truth'] for name, one in trial['cases'].items()}
     jobs = plan.draw(seal.seed_of(trial['commit'], trial['beacon']), len(truths), source.WISHES)
-    rows = {row['case']: row for row in read_json(folder / 'result.json')['rows']
-            if row.get('mode') == ABSOLUTE and 'case' in row}
+    rows = [row for row in read_json(folder / 'result.json')['rows'] if 'case' in row]
+    absolute = [row for row in rows if row['mode'] == ABSOLUTE]
     return {job.name: replace(job, **{key: truths[job.name][key] for key in (
-        'attempt', 'body_attempt')}) for job in jobs}, truths, rows
+        'attempt', 'body_attempt')}) for job in jobs}, truths, {
+            row['case']: row for row in absolute or rows}
 
 
 def drawn_again(job, truth, folder):
