@@ -11,6 +11,8 @@ from arm_brachy.core.term import BodyTerm, Kind, Stage, TermSpec
 from arm_brachy.tissue.element import EDGES, signed_volumes
 from arm_brachy.tissue.mesh import boundary_faces
 
+GRAZING = 0.2   # cosine to its surface's normal, 78 degrees, below which a push is a shear
+
 
 @dataclass(frozen=True)
 class ReferenceShape(BodyTerm):
@@ -26,8 +28,9 @@ class ReferenceShape(BodyTerm):
     scene's mesh sit at the same material point of the true shape, as marks made on the tissue do,
     and not where the scene says. A pad is glued to the patch of its nodes, wherever that is now;
     its actuator stays where it is mounted, so that the pad, and markers on it, come to the true
-    surface by a longer or a shorter way along its push and no other way. Edges are straight in the
-    true shape too. Holds for smooth, small changes; elements are stretched, not remeshed.
+    surface by a longer or a shorter way along its push and no other way, to first order in how
+    far the surface goes. Edges are straight in the true shape too. Holds for smooth, small
+    changes; elements are stretched, not remeshed.
     Test: tissue/terms/test_reference_shape.py (bars, volume of the bump, plane base, markers)
     """
 
@@ -61,8 +64,8 @@ class ReferenceShape(BodyTerm):
     def prepare(self, body):
         """Return `body` with its true shape.
 
-        Raises MeshError if no three fixed nodes span a boundary face, if no free surface lies
-        under the bump, or if an element is turned inside out.
+        Raises MeshError if the fixed nodes or those of a pad span no boundary face, if no free
+        surface lies under the bump, or if an element is turned inside out.
         """
         move = self._motion(body)
         corners = np.unique(body.mesh.tets)
@@ -72,7 +75,7 @@ class ReferenceShape(BodyTerm):
             ends = nodes[body.mesh.tets[:, EDGES]]
             nodes[body.mesh.midside] = 0.5 * (ends[:, :, 0] + ends[:, :, 1])
         self._refuse_inverted(nodes, body.mesh.tets)
-        pads = tuple(_brought_up(pad, move) for pad in body.pads)
+        pads = tuple(_brought_up(pad, body.mesh, move) for pad in body.pads)
         return replace(body, mesh=replace(body.mesh, nodes=nodes), pads=pads)
 
     def _motion(self, body):
@@ -115,10 +118,24 @@ class ReferenceShape(BodyTerm):
                             'or wider')
 
 
-def _brought_up(pad, move):
-    """The pad at the surface that `move` has moved, along its push."""
-    off = move(pad.centre[None])[0] - pad.centre
-    return replace(pad, centre=pad.centre + (off @ pad.direction) * pad.direction)
+def _brought_up(pad, mesh, move):
+    """The pad where its push meets the surface that `move` has moved, a plane under it.
+
+    What slides along the surface brings no pad anywhere, and nothing one that shears it.
+    """
+    outer = boundary_faces(mesh)
+    under = outer[np.isin(outer, pad.nodes).all(axis=1)]
+    if not len(under):
+        raise MeshError(f'reference_shape: the {len(pad.nodes)} nodes of pad {pad.name} span no '
+                        'boundary face of the mesh; must span one; make the pad larger or the '
+                        'mesh finer')
+    a, b, c = (mesh.nodes[under[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a).sum(axis=0)
+    along = pad.direction @ normal
+    if abs(along) < GRAZING * np.linalg.norm(normal):
+        return pad
+    way = (move(pad.centre[None])[0] - pad.centre) @ normal / along
+    return replace(pad, centre=pad.centre + way * pad.direction)
 
 
 def _surface(body):

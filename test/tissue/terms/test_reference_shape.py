@@ -90,18 +90,35 @@ def test_base_normal_and_not_an_axis_is_what_is_up():
                                shape.prepare(upright).mesh.nodes @ turn.T, atol=1e-15)
 
 
-def test_a_pad_comes_to_the_surface_along_its_push():
-    """Its actuator stays where it is mounted: a pad at the side of a body that grew is no higher.
+def pushed_along(direction, shape, centre=TOP):
+    """How far [m] a pad of `block` that is pushed along `direction` goes in a `shape`."""
+    pad = dataclasses.replace(block().pads[0], direction=np.array(direction),
+                              centre=np.array(centre))
+    return shape.prepare(dataclasses.replace(block(), pads=(pad,))).pads[0].centre - pad.centre
 
-    It is glued to its patch all the same, which now lies elsewhere.
-    """
+
+def test_a_pad_comes_to_the_surface_along_its_push():
+    """Its actuator stays where it is mounted: an oblique pad is up at the top, and aside."""
+    direction, rise = [0.6, 0.0, -0.8], 0.05 * 0.06
+    went = pushed_along(direction, ReferenceShape(height=0.05))
+    np.testing.assert_allclose(np.cross(went, direction), 0.0, atol=1e-15)
+    assert went[2] == pytest.approx(rise)
+
+
+def test_a_surface_that_slides_brings_no_pad_anywhere():
+    went = pushed_along([0.6, 0.0, -0.8], ReferenceShape(width=0.05), (0.03, 0.02, 0.06))
+    np.testing.assert_allclose(went, 0.0, atol=1e-12)
+
+
+def test_a_pad_that_shears_stays():
+    """A surface that rises meets no push along it."""
+    assert not pushed_along([1.0, 0.0, 0.0], ReferenceShape(height=0.05)).any()
+
+
+def test_a_pad_is_glued_to_its_patch_where_that_is_now():
     plain = block()
-    aside = dataclasses.replace(plain.pads[0], direction=np.array([0.6, 0.0, -0.8]))
-    grown = ReferenceShape(height=0.05).prepare(dataclasses.replace(plain, pads=(aside,)))
-    rise = 0.05 * 0.06
-    np.testing.assert_allclose(grown.pads[0].centre - aside.centre,
-                               -0.8 * rise * aside.direction, atol=1e-15)
-    np.testing.assert_allclose(grown.mesh.nodes[aside.nodes, 2], 0.06 + rise, rtol=1e-12)
+    grown = ReferenceShape(height=0.05).prepare(plain)
+    np.testing.assert_allclose(grown.mesh.nodes[plain.pads[0].nodes, 2], 0.063, rtol=1e-12)
 
 
 def test_pads_come_along():
@@ -150,5 +167,8 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(MeshError, match='onto the surface or make it wider'):
         bump(1e-3, 0.01, (0.02, 0.02, 0.09)).prepare(block())
     loose = dataclasses.replace(block(), fixed=np.array([0, 1]))
+    point = dataclasses.replace(block().pads[0], nodes=block().pads[0].nodes[:1])
+    with pytest.raises(MeshError, match='pad lid span no boundary face'):
+        ReferenceShape(height=0.1).prepare(dataclasses.replace(block(), pads=(point,)))
     with pytest.raises(MeshError, match='none of the 2 fixed nodes'):
         ReferenceShape(height=0.1).prepare(loose)
