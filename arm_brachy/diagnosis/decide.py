@@ -349,15 +349,16 @@ class Judge:
     def _pair_beyond(self, tried, ranked):
         """The pair that stands out from the single cause `tried` (None = none); None if none does.
 
-        By responses, and where both are weighed by full fits as well.
+        By responses, and by full fits as well where that of the single cause settled: what the
+        pair's linear answer gains may be what that of the single one has wrong.
         """
         pair = self._best_pair(ranked)
         alone = tried and self._candidate(tried.explanations, tried.paid)
         if pair is None or not self._claims(pair, over=alone):
             return None
         pair = self._weighed(pair)
-        if tried is not None and pair.weighed and tried.weighed and not self._claims(
-                pair, over=tried):
+        if tried is not None and tried.weighed and not (
+                pair.weighed and self._claims(pair, over=tried)):
             return None
         return None if self._gone(pair) else pair
 

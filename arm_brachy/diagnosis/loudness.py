@@ -1,14 +1,19 @@
 """Few short rests leave open how loud slow noise is: within that, what is left over tells.
 
 What no cause explains may be noise that outlasts the rests it was taken from. Then it is alike in
-most states and channels of a stream: the median tells it from physics, which shows in some.
+most states and channels of a stream: the median tells it from physics, which shows in some. And it
+comes and goes within LONGEST_MEMORY: states further apart differ by it, where what drifts or
+creeps is still much the same.
 Test: diagnosis/test_loudness.py
 """
+
+from collections import defaultdict
 
 import numpy as np
 
 from arm_brachy.diagnosis.colour import MEDIAN_CHI2
 from arm_brachy.diagnosis.conclude import left_over
+from arm_brachy.diagnosis.rests import LONGEST_MEMORY
 from arm_brachy.diagnosis.words import STREAMS
 
 LEAST = 1.05        # times the variance: less changes no verdict
@@ -19,19 +24,40 @@ def louder(assembly, decision):
 
     decision : decide.Decision. It seems louder by what nuisances and its best candidate leave; the
     factor is what is in doubt (`noise.Noise.doubt`), for something strange has to stand out from
-    all noise that there may be.
+    all noise that there may be. Null recordings show noise alone: beside them no doubt counts but
+    theirs.
     """
     best = decision.ranked[0].explanations if decision.ranked else ()
     left = left_over(assembly, best)
-    kinds = np.array([row.kind for m in assembly.matched for row in m.observables.rows])
+    ends = np.cumsum([len(m.observables.rows) for m in assembly.matched])[:-1]
+    steps = [_steps(m, part) for m, part in zip(assembly.matched, np.split(left, ends),
+                                                strict=True)]
+    sound = assembly.matched[len(assembly.matched) - assembly.sound:]
     out = {}
-    for kind in np.unique(kinds).tolist():
-        most = max((m.recorded.prepared.noise[kind].doubt for m in assembly.matched
+    for kind in sorted(set().union(*steps)):
+        most = max((m.recorded.prepared.noise[kind].doubt for m in sound or assembly.matched
                     if kind in m.recorded.prepared.noise), default=1.0)
-        seen = float(np.median(left[kinds == kind]**2)) / MEDIAN_CHI2
+        square = np.concatenate([one[kind] for one in steps if kind in one])
+        seen = float(np.median(square)) / MEDIAN_CHI2
         if min(seen, most) > LEAST:
             out[kind] = most
     return out
+
+
+def _steps(m, left):
+    """kind -> (k,) half the squared steps of what is left (N,), of each channel and axis of a
+    Matched, from every state to the next one that is LONGEST_MEMORY later.
+    """
+    t, traces, out = m.recorded.states.t, defaultdict(list), defaultdict(list)
+    for row, value in zip(m.observables.rows, left, strict=True):
+        traces[row.kind, row.channel, row.axis].append((t[row.state], value))
+    for (kind, *_), trace in traces.items():
+        times, values = np.array(trace).T
+        later = np.searchsorted(times, times + LONGEST_MEMORY)
+        known = later < len(times)
+        if known.any():
+            out[kind].append(0.5 * (values[later[known]] - values[known])**2)
+    return {kind: np.concatenate(some) for kind, some in out.items()}
 
 
 def said(factors):

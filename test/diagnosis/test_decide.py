@@ -278,6 +278,18 @@ def test_full_fits_that_do_not_differ_or_settle_leave_a_class(world):
         assert world.decide(world.responses[2], like, weigh=weigh).verdict == 'equivalent'
 
 
+def test_a_pair_whose_full_fit_does_not_settle_is_not_claimed(world):
+    """Beside a single cause whose full fit did: of the pair only the linear answer is known."""
+    both = world.responses[1] - 0.8 * world.responses[5]
+    for settles, verdict in ((lambda one: True, 'named'), (lambda one: len(one.causes) == 1,
+                                                           'unexplained')):
+        decision = world.decide(both, weigh=lambda one, settles=settles: (
+            Gain(0.0, 0.0) if settles(one) else None))
+        assert decision.verdict == verdict
+    assert decision.nearest.causes in (('cause_1',), ('cause_5',))
+    assert decision.nearest.weighed and decision.accepted is None
+
+
 def test_what_has_fewer_numbers_is_not_told_by_that_from_what_fits_as_well(world):
     """A lost step is one number, a slip of the marker that shows it three: both stay open."""
     like = Explanation('like', '', 2.5 * world.responses[2][:, None])

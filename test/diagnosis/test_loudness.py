@@ -7,21 +7,33 @@ import pytest
 
 from arm_brachy.core.random import stream
 from arm_brachy.diagnosis import loudness
+from arm_brachy.diagnosis.colour import MEDIAN_CHI2
+from arm_brachy.diagnosis.observables import Row
 from arm_brachy.diagnosis.stream import EM, OPTICAL
 
-N = 3000
+STATES, CHANNELS = 250, 2           # a second apart; of each of two streams, three axes each
+N = 2 * CHANNELS * 3 * STATES
 QUIET = 0.95        # noise a little below what is expected: a median of 1500 squares errs by 6 %
 
 
-def made(residual, doubt):
-    """(assembly, decision) without nuisances or candidates; half of the rows are EM."""
-    rows = [SimpleNamespace(kind=EM if i < N // 2 else OPTICAL) for i in range(N)]
+def recording(doubt):
+    """What `louder` asks of a Matched; half of the rows are EM."""
+    rows = [Row(kind, f'{kind}_{c}', axis, state) for kind in (EM, OPTICAL)
+            for c in range(CHANNELS) for axis in range(3) for state in range(STATES)]
     noise = {kind: SimpleNamespace(doubt=doubt) for kind in (EM, OPTICAL)}
-    prepared = SimpleNamespace(noise=noise)
-    one = SimpleNamespace(observables=SimpleNamespace(rows=rows),
-                          recorded=SimpleNamespace(prepared=prepared))
-    problem = SimpleNamespace(U=np.zeros((N, 1)), r=residual)
-    return (SimpleNamespace(matched=[one], problem=problem), SimpleNamespace(ranked=()))
+    states = SimpleNamespace(t=np.arange(float(STATES)))
+    return SimpleNamespace(
+        observables=SimpleNamespace(rows=rows),
+        recorded=SimpleNamespace(prepared=SimpleNamespace(noise=noise), states=states))
+
+
+def made(residual, *doubts, sound=0):
+    """(assembly, decision) of a recording per doubt, without nuisances or candidates."""
+    matched = [recording(doubt) for doubt in doubts]
+    residual = np.tile(residual, len(doubts))
+    problem = SimpleNamespace(U=np.zeros((len(residual), 1)), r=residual)
+    return (SimpleNamespace(matched=matched, problem=problem, sound=sound),
+            SimpleNamespace(ranked=()))
 
 
 @pytest.fixture
@@ -31,7 +43,7 @@ def white():
 
 def test_a_stream_that_is_louder_everywhere_is_heard(white):
     loud = np.where(np.arange(N) < N // 2, np.sqrt(2.0), 1.0) * white
-    factors = loudness.louder(*made(QUIET * loud, doubt=2.5))
+    factors = loudness.louder(*made(QUIET * loud, 2.5))
     assert factors == {EM: 2.5}
     assert 'EM tracker was taken as 1.6 times' in loudness.said(factors)[0]
 
@@ -40,9 +52,23 @@ def test_what_shows_in_a_few_states_is_no_noise(white):
     """2 % of the rows off by 30 sd: 18 times the mean square, 3 % of the median."""
     strange = QUIET * white + 30.0 * (np.arange(N) % 50 == 0)
     assert np.mean(strange**2) > 15.0
-    assert loudness.louder(*made(strange, doubt=3.0)) == {}
+    assert loudness.louder(*made(strange, 3.0)) == {}
 
 
 def test_noise_that_is_known_is_no_louder(white):
-    assert loudness.louder(*made(3.0 * white, doubt=1.0)) == {}
-    assert loudness.louder(*made(3.0 * white, doubt=2.0)) == {EM: 2.0, OPTICAL: 2.0}
+    assert loudness.louder(*made(3.0 * white, 1.0)) == {}
+    assert loudness.louder(*made(3.0 * white, 2.0)) == {EM: 2.0, OPTICAL: 2.0}
+
+
+def test_a_creep_is_no_noise(white):
+    """It goes on for half of the recording: by the median of squares it would be noise."""
+    t = np.tile(np.arange(STATES), N // STATES)
+    creep = 4.0 * np.clip(t / STATES - 0.5, 0.0, None) / 0.5
+    assert np.median((QUIET * white + creep)**2) > 1.5 * MEDIAN_CHI2
+    assert loudness.louder(*made(QUIET * white + creep, 3.0)) == {}
+
+
+def test_how_loud_noise_may_be_a_null_recording_tells(white):
+    """A creep, say, in the recording under suspicion seems to be noise between its rests."""
+    assert loudness.louder(*made(3.0 * white, 3.0, 1.0, sound=1)) == {}
+    assert loudness.louder(*made(3.0 * white, 1.0, 2.0, sound=1)) == {EM: 2.0, OPTICAL: 2.0}
