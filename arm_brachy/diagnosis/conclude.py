@@ -35,7 +35,7 @@ def probabilities(decision):
 
 def places_of(fitted, scene):
     """statements.Place of every term of a fitted.Fitted, None for one that is nowhere."""
-    spreads = {} if fitted.refit is None else _spreads(fitted.refit)
+    spreads = {} if fitted.refit is None else _spreads(fitted)
     return tuple(place_of(term, scene, spreads.get(i)) for i, term in enumerate(fitted.terms))
 
 
@@ -76,15 +76,15 @@ def _begun(cause, onsets):
                                       'onset': Estimate(onset.value, *onsets[onset.value])})
 
 
-def _spreads(fit):
-    """Number of the hypothesis -> (3, 3) [m^2] covariance of its centre, from a refit.Refit."""
-    out = {}
+def _spreads(fitted):
+    """Number of the hypothesis -> (3, 3) [m^2] covariance of its centre, from a fitted.Fitted."""
+    out, fit = {}, fitted.refit
     for chart, part in zip(fit.space.charts, fit.space.slices, strict=True):
         if chart.field in CENTRES:
             z, steps = fit.z[part], np.diag(chart.step)
             slope = np.stack([np.subtract(chart.value(z + h), chart.value(z - h)) / (2 * h.max())
                               for h in steps], axis=1)
-            out[chart.number] = slope @ fit.covariance[part, part] @ slope.T
+            out[chart.number] = slope @ fitted.covariance[part, part] @ slope.T
     return out
 
 

@@ -45,6 +45,7 @@ class Fitted:
     notes : sentences
     back : per such recording columns (N, g) of pads off their zeros where that is not as the model
         without the causes answers: loose ones (`standing_back`), tissue that changes (`preload`)
+    covariance : (k, k) of the coordinates of `refit`, their laws' errors in it; None without refit
     """
 
     hypotheses: tuple
@@ -55,6 +56,7 @@ class Fitted:
     scale: Estimate | None = None
     notes: tuple = ()
     back: tuple = ()
+    covariance: np.ndarray | None = None
 
     def causes(self, probability):
         """cause.Cause each, that hold together."""
@@ -122,12 +124,13 @@ def fit_in_full(assembly, candidate, law):
         return Fitted(hypotheses, terms, estimates, None, kept, None, (
             f'The full fit of {names} did not settle ({error}); its numbers are those of the '
             'linear answer.',))
-    n, estimates = len(hypotheses), found.estimates
+    n, covariance = len(hypotheses), found.covariance
     if any(term.stage is Stage.BODY for term in found.terms[:n]):
-        estimates = widened(found, data, found.terms[n].factor, law_of(hypotheses, law),
-                            by_nodes(hypotheses))
+        covariance = widened(found, data, found.terms[n].factor, law_of(hypotheses, law),
+                             by_nodes(hypotheses))
+    estimates = found.space.estimates(found.z, found.mean, covariance)
     return Fitted(hypotheses, found.terms[:n], tuple(estimates[i] for i in range(n)), found,
-                  kept, estimates[n]['factor'], back=back)
+                  kept, estimates[n]['factor'], back=back, covariance=covariance)
 
 
 def _off_zero(m, data, hypotheses, amplitudes):

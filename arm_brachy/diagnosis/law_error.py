@@ -100,7 +100,7 @@ def past_errors(tests, size):
 
 
 def widened(found, data, factor, law, as_a_whole=0.0):
-    """Return the estimates, hypothesis number -> {field: Estimate}, of effects known to `law`.
+    """Return the covariance (k, k) of all free numbers, of effects known to `law`.
 
     found : refit.Refit;  data : recording_fit.Data of its recordings, with their baselines
     factor : by which the modulus was scaled: forces by that are no effect of a cause
@@ -119,4 +119,4 @@ def widened(found, data, factor, law, as_a_whole=0.0):
     errors = np.column_stack([errors, as_a_whole * np.concatenate(effect)])
     pulls = np.concatenate(found.columns).T @ Beside(stacked(data)).weighted(errors)
     moved = found.covariance @ pulls
-    return found.space.estimates(found.z, found.mean, found.covariance + moved @ moved.T)
+    return found.covariance + moved @ moved.T

@@ -4,8 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from arm_brachy.diagnosis.conclude import unexplained
+from arm_brachy.diagnosis.conclude import places_of, unexplained
+from arm_brachy.diagnosis.freedom import Chart, Space
 from arm_brachy.diagnosis.observables import Row
+from arm_brachy.diagnosis.whereabouts import radius_of
+from arm_brachy.tissue.terms.reference_shape import ReferenceShape
 
 MARKERS, ROWS = ('left', 'right', 'top'), 60
 
@@ -29,6 +32,19 @@ def test_a_channel_says_when_in_the_recordings_that_have_it(monkeypatch):
     assembly.matched = (*assembly.matched, other)
     _, when = unexplained(assembly, 0, np.ones(ROWS * len(MARKERS) + 5))
     assert not when[:-5].any() and np.all(when[-5:] == 1.0)
+
+
+def test_the_region_of_a_place_holds_what_the_law_may_have_wrong():
+    one, millimetre = np.ones(3), 1e-3
+    chart = Chart(0, 'bump_centre', tuple, np.zeros(3), millimetre * one, one, one, one, one, one)
+    narrow, wide = np.diag([9.0, 1.0, 1.0]), np.diag([9.0, 16.0, 1.0])
+    refit = SimpleNamespace(space=Space(((ReferenceShape, {}),), (chart,)), z=np.zeros(3),
+                            covariance=narrow)
+    fitted = SimpleNamespace(refit=refit, terms=(ReferenceShape(bump_height=1e-3),),
+                             covariance=wide)
+    place, = places_of(fitted, scene=None)
+    assert np.isclose(place.radius, radius_of(millimetre**2 * wide))
+    assert place.radius > 1.3 * radius_of(millimetre**2 * narrow)
 
 
 def made_up():

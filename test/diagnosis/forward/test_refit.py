@@ -76,6 +76,11 @@ def dress(specimen, encoder, t, shown, columns, rng, sd):
     return Data(specimen, encoder, t, observables, observables.whiten(columns))
 
 
+def told(found, *known):
+    """Estimates of a Refit that are as wide as `widened` says."""
+    return found.space.estimates(found.z, found.mean, widened(found, *known))
+
+
 def holds(estimate, truth, times=2.0):
     """True if the truth is in the interval made so many times as wide, in every component.
 
@@ -144,7 +149,7 @@ def test_friction_is_found_from_a_run_with_contact(quadratic, encoder):
                  np.random.default_rng(4), SD)
     one = hypothesis(PadSlip, pads=('pad_1',))
     found = refit([data], (one,), [np.array([0.5])])    # starts at twice the friction
-    estimates = widened(found, [replace(data, baseline=Baseline(
+    estimates = told(found, [replace(data, baseline=Baseline(
         ForwardModel(quadratic), path, t))], 1.0, ACCURACY)[0]
     assert estimates['friction'].value == pytest.approx(0.3, rel=0.2)
     assert holds(estimates['friction'], 0.3, times=1.0) and found.after < found.before - 10.0
@@ -399,8 +404,8 @@ def test_a_law_that_errs_in_one_channel_moves_numbers_as_far_as_intervals_say(re
                      for row in data.observables.rows])
     wrong = replace(data, observables=Shifted(data.observables, np.where(mine, law * effect, 0.0)))
     moved = refit([wrong], (one,), start, options=fine).z - found.z
-    wide = widened(found, [data], 1.0, law)[0]['gradient']
-    same = widened(found, [data], 1.0, 0.0)[0]['gradient']
+    wide = told(found, [data], 1.0, law)[0]['gradient']
+    same = told(found, [data], 1.0, 0.0)[0]['gradient']
     assert same == found.estimates[0]['gradient']
     half = [0.5 * width(estimate) / 1.6449 for estimate in (wide, same)]
     chart, = found.space.charts
@@ -413,7 +418,7 @@ def test_an_effect_that_is_too_large_as_a_whole_opens_numbers_by_as_much(record,
     data = replace(record((StiffnessGradient(gradient=(12.0, 0.0, 0.0)),), t=SOME, noise=0.1),
                    baseline=given(SOME)[0])
     found = refit([data], (hypothesis(StiffnessGradient),), [np.zeros(3)])
-    wide, same = (widened(found, [data], 1.0, 0.0, share)[0]['gradient'] for share in (0.1, 0.0))
+    wide, same = (told(found, [data], 1.0, 0.0, share)[0]['gradient'] for share in (0.1, 0.0))
     half = [0.5 * width(estimate)[0] / 1.6449 for estimate in (wide, same)]
     assert np.sqrt(half[0]**2 - half[1]**2) == pytest.approx(1.2, rel=0.2)
 
