@@ -226,12 +226,15 @@ class Judge:
     gone : Candidate -> True if nothing is left of it where its answer is not linear; None = never
     weigh : Candidate -> laplace.Gain of its full fit over its response, None where it does not
         settle; None = nothing is weighed
+    beyond : (Candidate that was weighed, Explanations) -> their log evidence in what it leaves,
+        beside what its law may have wrong; None = a law has nothing wrong
     """
 
-    def __init__(self, problem, rng, rules=None, check=None, gone=None, weigh=None):
+    def __init__(self, problem, rng, rules=None, check=None, gone=None, weigh=None, beyond=None):
         self.problem, self.rules, self._rng = problem, rules or Rules(), rng
         self._gone = gone or (lambda candidate: False)
         self._weigh = weigh or (lambda candidate: None)
+        self._beyond = beyond or (lambda candidate, explanations: np.inf)
         self._left = check or (lambda candidate: self._scan(candidate.explanations))
         self._known = {}
         self._all, self._without = _grams(problem)
@@ -350,7 +353,8 @@ class Judge:
         """The pair that stands out from the single cause `tried` (None = none); None if none does.
 
         By responses, and by full fits as well where that of the single cause settled: what the
-        pair's linear answer gains may be what that of the single one has wrong.
+        pair's linear answer gains may be what that of the single one has wrong. And what comes in
+        has to show beside what the single cause's law may have wrong.
         """
         pair = self._best_pair(ranked)
         alone = tried and self._candidate(tried.explanations, tried.paid)
@@ -358,9 +362,14 @@ class Judge:
             return None
         pair = self._weighed(pair)
         if tried is not None and tried.weighed and not (
-                pair.weighed and self._claims(pair, over=tried)):
+                pair.weighed and self._claims(pair, over=tried) and self._adds(pair, tried)):
             return None
         return None if self._gone(pair) else pair
+
+    def _adds(self, pair, tried):
+        """True if what a pair has more than `tried` shows beside what its law may have wrong."""
+        new = tuple(e for e in pair.explanations if e.cause not in tried.causes)
+        return self._beyond(tried, new) >= self.rules.evidence
 
     def _best(self, cause, beside=()):
         """The best Candidate of a cause, alone or beside Candidates of others as they are."""

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
 from arm_brachy.diagnosis.held_out import with_found
-from arm_brachy.diagnosis.inference import stacked
+from arm_brachy.diagnosis.inference import Beside, evidence_over_none, stacked
 from arm_brachy.diagnosis.laplace import gain_over_response
 from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue, past_errors
 from arm_brachy.diagnosis.model_error import Accuracy
@@ -43,10 +43,25 @@ class FullFits:
         Full fits are made at some of the states. Where the response does as well there, it is
         asked what it leaves in all of them: of weak effects a third of the states shows little.
         """
-        gain = self.gain(candidate)
-        if gain is None or gain.fit < AS_GOOD:
-            return self._linear(candidate)
-        return self._fitted(candidate)
+        return (self._linear if self._response_does(candidate) else self._fitted)(candidate)
+
+    def beyond(self, candidate, explanations):
+        """Log evidence of more decide.Explanations in what a Candidate leaves, over none.
+
+        Beside what its law may have wrong: by some per cent of a strong cause another one may be
+        paid that is not there. As `check`, by the full fit of the Candidate or by its response.
+        """
+        if self._response_does(candidate):
+            U, left, size = self._response_leaves(candidate)
+            columns = np.hstack([e.columns for e in explanations])
+        else:
+            parts, U, left, size = self._fit_leaves(candidate)
+            columns = np.hstack([self._columns(e, parts, self.of(candidate).kept)
+                                 for e in explanations])
+        weight = 1.0 / np.sqrt(1.0 + np.square(size))
+        shown = weight[:, None] * columns
+        seen = Beside(weight[:, None] * U).weighted(shown)
+        return evidence_over_none(seen.T @ shown, seen.T @ (weight * left))
 
     def gain(self, candidate):
         """laplace.Gain of the full fit of a decide.Candidate; None if it did not settle."""
@@ -69,14 +84,38 @@ class FullFits:
             for number, (hypothesis, estimates) in enumerate(
                 zip(found.hypotheses, found.estimates, strict=True)))
 
+    def _response_does(self, candidate):
+        """True if a full fit did not settle or does no better than the response."""
+        gain = self.gain(candidate)
+        return gain is None or gain.fit < AS_GOOD
+
+    def _columns(self, explanation, parts, kept):
+        """Columns (N, p) of a decide.Explanation at the states `kept` of every Part."""
+        responses = self._assembly.hypothesis_of(explanation)[1]
+        return np.vstack([part.observables.whiten(
+            {kind: values[some] for kind, values in one.per_prior().items()})
+            for part, some, one in zip(parts, kept, responses, strict=False)])
+
     def _fitted(self, candidate):
         """The Scan of what the full fit leaves at its states."""
-        found = self.of(candidate)
-        parts = parts_of(self._assembly, found, 1.0)
-        matched = self._assembly.suspects
-        tests, labels = structured_tests(matched, [
-            (part.observables, kept) for part, kept in zip(parts, found.kept, strict=True)])
-        law = law_of(found.hypotheses, self._law)
+        parts, U, left, size = self._fit_leaves(candidate)
+        kept = self.of(candidate).kept
+        structured = structured_tests(self._assembly.suspects, [
+            (part.observables, some) for part, some in zip(parts, kept, strict=True)])
+        return self._scan(U, left, size, structured)
+
+    def _linear(self, candidate):
+        """The Scan of what the linear answer leaves."""
+        return self._scan(*self._response_leaves(candidate),
+                          (self._assembly.problem.tests, self._assembly.tests))
+
+    def _fit_leaves(self, candidate):
+        """(Parts, U (N, k), what is left (N,), size (N,)) of a full fit at its states.
+
+        U : nuisances, its numbers to first order, and errors of its law;  size : of these by row
+        """
+        found, matched = self.of(candidate), self._assembly.suspects
+        parts, law = parts_of(self._assembly, found, 1.0), law_of(found.hypotheses, self._law)
         sizes = [law * (part.r - part.of_mesh - residual) * of_tissue(
             part.observables, m.baseline.model.specimen)
             for part, residual, m in zip(parts, found.refit.residual, matched, strict=True)]
@@ -85,10 +124,10 @@ class FullFits:
         pushes = [pushes_of(m)[kept] for m, kept in zip(matched, found.kept, strict=True)]
         errors = law_errors([part.observables for part in parts], pushes, sizes)
         left = named - np.concatenate([part.of_mesh for part in parts])
-        return self._scan(np.hstack([U, errors]), left, (tests, labels), np.concatenate(sizes))
+        return parts, np.hstack([U, errors]), left, np.concatenate(sizes)
 
-    def _linear(self, candidate):
-        """The Scan of what the linear answer leaves."""
+    def _response_leaves(self, candidate):
+        """(U, what is left, size) as of `_fit_leaves`, of the linear answer at all states."""
         problem, found = self._assembly.problem, candidate.explanations
         law = law_of([self._assembly.hypothesis_of(e)[0] for e in found], self._law)
         columns, matched = np.hstack([e.columns for e in found]), self._assembly.matched
@@ -97,10 +136,9 @@ class FullFits:
         size = law * soft * (columns @ candidate.mean)
         errors = law_errors([m.observables for m in matched], [pushes_of(m) for m in matched],
                             np.split(size, np.cumsum([len(m.r) for m in matched])[:-1]))
-        return self._scan(np.hstack([problem.U, columns, errors]), problem.r,
-                          (problem.tests, self._assembly.tests), size)
+        return np.hstack([problem.U, columns, errors]), problem.r, size
 
-    def _scan(self, U, r, structured, size):
+    def _scan(self, U, r, size, structured):
         """The Scan beside U of r (N,) with an effect in it that rows have wrong by size (N,).
 
         structured : columns (N, m) of tests and their labels

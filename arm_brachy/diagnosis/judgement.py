@@ -46,7 +46,8 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
         assembly = assemble(matched, tried, sound)
         fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy)
         return assembly, fits, Judge(assembly.problem, stream(seed, 'decision'), check=fits.check,
-                                   gone=fits.gone, weigh=fits.gain)
+                                   gone=fits.gone, weigh=fits.gain,
+                                   beyond=fits.beyond)
 
     assembly, fits, one = judge()
     moved = {}

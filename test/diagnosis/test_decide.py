@@ -40,12 +40,12 @@ class World:
     def decide(self, effect, *extra, **how):
         return self.judge(effect, *extra, **how).decide()
 
-    def judge(self, effect, *extra, gone=None, check=None, weigh=None, cause=lambda i: True):
+    def judge(self, effect, *extra, cause=lambda i: True, **full):
         r = (effect + self.nuisance @ self.rng.normal(size=CHANNELS)
              + self.rng.normal(size=len(self.channel)))
         problem = Problem(r, self.nuisance, self.kinds, self.tests,
                           self.explanations(*extra, cause=cause), self.pushes)
-        return Judge(problem, self.rng, gone=gone, check=check, weigh=weigh)
+        return Judge(problem, self.rng, **full)
 
 
 @pytest.fixture(params=range(4))
@@ -288,6 +288,22 @@ def test_a_pair_whose_full_fit_does_not_settle_is_not_claimed(world):
         assert decision.verdict == verdict
     assert decision.nearest.causes in (('cause_1',), ('cause_5',))
     assert decision.nearest.weighed and decision.accepted is None
+
+
+def test_a_second_cause_that_a_law_may_have_wrong_is_not_claimed(world):
+    """Asked of what comes in, beside the single cause as it was weighed."""
+    asked, gains = [], [1.0, 100.0]
+
+    def beyond(tried, new):
+        asked.append((tried.causes, tuple(e.cause for e in new)))
+        return gains.pop()
+    for verdict in ('named', 'unexplained'):
+        decision = world.decide(world.responses[1] - 0.8 * world.responses[5], beyond=beyond,
+                                weigh=lambda one: Gain(0.0, 0.0))
+        assert decision.verdict == verdict
+        first, second = asked.pop()
+        assert {*first, *second} == {'cause_1', 'cause_5'}
+    assert decision.nearest.causes == first
 
 
 def test_what_has_fewer_numbers_is_not_told_by_that_from_what_fits_as_well(world):

@@ -22,6 +22,41 @@ def weighed(matched, hypothesis):
     return one.evidence, fits.gain(one).evidence
 
 
+def beyond(matched, hypotheses, law):
+    """(gain of the pair over the first alone, of the second in what the first leaves)."""
+    tried = Tried(tuple(hypotheses), tuple((respond(matched.baseline, one),)
+                                           for one in hypotheses))
+    assembly = assemble([matched], tried)
+    judge = Judge(assembly.problem, np.random.default_rng(1))
+    first, = (one for one in judge.singles() if one.causes == (hypotheses[0].name,))
+    pair = judge._best_pair((first,))
+    fits = FullFits(assembly, np.random.default_rng(2), Accuracy(law=law))
+    return pair.evidence - first.evidence, fits.beyond(first, assembly.problem.explanations[1:])
+
+
+def test_beside_a_law_without_errors_a_second_cause_is_worth_what_the_pair_gains(breast, once,
+                                                                                 cause):
+    """Both answer in proportion, so that nothing but the order of the sums differs."""
+    matched = breast.watch(once, {'name': 'force_gain', 'gain': 0.08, 'pads': ['pad_1']}, {
+        'name': 'optical_scale', 'scale': 0.01})
+    gained, seen = beyond(matched, (cause('force_gain', pads=('pad_1',)),
+                                    cause('optical_scale')), law=0.0)
+    assert gained > 3.0
+    assert seen == pytest.approx(gained, rel=1e-6)
+
+
+def test_what_a_law_may_have_wrong_is_worth_nothing(breast, once, cause):
+    """Tissue three times less compressible doubles the forces: 4 % of one are 4 % of its effect,
+    which the law does not hold to; 25 % are another cause."""
+    causes = cause('compressibility'), cause('force_gain', pads=('pad_2',))
+
+    def seen(gain, law):
+        return beyond(breast.watch(once, {'name': 'compressibility', 'factor': 3.0}, {
+            'name': 'force_gain', 'gain': gain, 'pads': ['pad_2']}), causes, law)[1]
+    assert seen(0.04, law=0.0) > 6.0 > 1.0 > seen(0.04, law=0.05)
+    assert seen(0.25, law=0.05) > 6.0
+
+
 def test_a_gain_of_a_sensor_is_linear_and_gains_nothing(breast, once, cause):
     matched = breast.watch(once, {'name': 'force_gain', 'gain': 0.08, 'pads': ['pad_1']})
     linear, more = weighed(matched, cause('force_gain', pads=('pad_1',)))
