@@ -16,10 +16,13 @@ from arm_brachy.prove.generator.tissue import (
     STATIC,
     TIMED,
     base_motion,
+    met,
     misplaced,
     stiffness_drift,
 )
 from arm_brachy.prove.generator.world import Change, World
+
+MOUNTED = {'pad_misplacement': misplaced, 'reference_shape': met}
 
 
 def build_world(case, cache):
@@ -30,8 +33,8 @@ def build_world(case, cache):
     motions = [base_motion(e.values) for e in case.effects if e.name == 'breathing']
     pads = body.pads
     for effect in case.effects:
-        if effect.name == 'pad_misplacement':   # the markers on pads go with them
-            pads = misplaced(body, pads, effect.values)
+        if effect.name in MOUNTED:   # the markers on pads go with them
+            pads = MOUNTED[effect.name](body, pads, effect.values)
     gaps = [STRANGE_TOUCH[e.name](e.values, [p.name for p in body.pads], fine.strokes)
             for e in case.effects if e.name in STRANGE_TOUCH]
     return World(

@@ -9,8 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from arm_brachy.prove.generator import loads
+from arm_brachy.prove.generator.body import COARSE
 from arm_brachy.prove.generator.layer import make_layer
-from arm_brachy.prove.generator.mismount import moved_pad, moved_patch
+from arm_brachy.prove.generator.mesh import normalised
+from arm_brachy.prove.generator.mismount import moved_pad, moved_patch, to_ball
 
 
 def scaled(model, factor):
@@ -83,16 +85,37 @@ def gravity(model, body, v, modulus):
 
 def reference_shape(model, body, v, modulus):
     """Stress-free shape stretched, with a bump; what is glued to the skin goes with it."""
-    x = model.grid.nodes
-    centre, radius = np.array(v['bump_centre_mm']) * 1e-3, v['bump_radius_mm'] * 1e-3
-    nearest = model.grid.mesh.surface[:, :3].ravel()
-    nearest = nearest[np.argmin(((x[nearest] - centre)**2).sum(1))]
-    out = x[nearest] - [0, 0, 0.3 * body.dome.height]
-    out = out / np.linalg.norm(out)
-    bump = loads.biweight(x, centre, radius) * (1 - np.maximum(1 - x[:, 2] / radius, 0)**2)
-    moved = x + x * [v['width'], v['width'], v['height']]
-    moved = moved + (v['bump_height_mm'] * 1e-3 * bump)[:, None] * out
+    moved = reshaping(model.grid, v)(model.grid.nodes)
     return replace(model, grid=replace(model.grid, moved=moved))
+
+
+def reshaping(grid, v):
+    """Where points (n, 3) of a body of `grid` are in its true shape, a function.
+
+    A bump goes along the normal of the surface under it, on the average.
+    """
+    centre, radius = np.array(v['bump_centre_mm']) * 1e-3, v['bump_radius_mm'] * 1e-3
+    x, area, _ = grid.face_points(grid.mesh.surface)
+    out = np.einsum('fq,fqi->i', loads.biweight(x, centre, radius), area)
+    out = out / np.linalg.norm(out)
+
+    def true(x):
+        bump = loads.biweight(x, centre, radius) * (1 - np.maximum(1 - x[:, 2] / radius, 0)**2)
+        moved = x + x * [v['width'], v['width'], v['height']]
+        return moved + (v['bump_height_mm'] * 1e-3 * bump)[:, None] * out
+
+    return true
+
+
+def met(body, pads, v):
+    """The pads, each advanced or drawn back along its push to where the surface has gone."""
+    true, out = reshaping(body.grid(COARSE), v), []
+    for pad in pads:
+        here, d = np.array([pad.centre]), np.array(pad.direction)
+        n = body.dome.normal(normalised(to_ball(body.dome, here)))[0]
+        centre = here[0] + d * ((true(here)[0] - here[0]) @ n) / (d @ n)
+        out.append(replace(pad, centre=tuple(centre.tolist())))
+    return tuple(out)
 
 
 def pad_misplacement(model, body, v, modulus):

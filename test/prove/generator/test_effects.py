@@ -5,10 +5,13 @@ import numpy as np
 import pytest
 
 from arm_brachy.prove.generator import actuation
+from arm_brachy.prove.generator.body import COARSE
 from arm_brachy.prove.generator.case import draw
 from arm_brachy.prove.generator.catalogue import Effect
+from arm_brachy.prove.generator.mismount import to_ball
 from arm_brachy.prove.generator.plant import build_world, play
 from arm_brachy.prove.generator.protocol import Protocol
+from arm_brachy.prove.generator.tissue import met, reshaping
 from arm_brachy.prove.generator.world import pad_markers
 
 
@@ -141,6 +144,31 @@ def test_the_marker_on_a_misplaced_pad_goes_with_it(body, cache):
     np.testing.assert_allclose(angle, [3.0, 0.0], atol=1e-4)
     off = home - pad_markers(body.pads)[:2]
     assert 1.5e-3 < np.linalg.norm(off[0]) < 4e-3 and not off[1].any()
+
+
+def shape(height=0.0, width=0.0, bump_mm=0.0, at=(0.0, 0.0, 0.1)):
+    """Values of a reference shape, its bump 20 mm wide."""
+    return {'height': height, 'width': width, 'bump_height_mm': bump_mm,
+            'bump_centre_mm': tuple(1e3 * np.array(at)), 'bump_radius_mm': 20.0}
+
+
+def test_pads_meet_the_true_shape_along_their_push(body):
+    """Stretched back, a pad lies on the body's surface again; no pad is carried up or aside."""
+    values, larger = shape(0.004, -0.002, at=body.points[0]), (0.998, 0.998, 1.004)
+    for pad, was in zip(met(body, body.pads, values), body.pads, strict=True):
+        went = np.subtract(pad.centre, was.centre)
+        np.testing.assert_allclose(np.cross(went, pad.direction), 0.0, atol=1e-15)
+        true, sound = (np.linalg.norm(to_ball(body.dome, np.array([p.centre]) / larger))
+                       for p in (pad, was))
+        assert abs(true - 1.0) < 0.05 * abs(sound - 1.0) + 1e-6
+
+
+def test_a_bump_goes_along_the_normal(body):
+    at = body.points[:1]
+    went = reshaping(body.grid(COARSE), shape(bump_mm=2.0, at=at[0]))(at)[0] - at[0]
+    normal = body.dome.normal(body.surface_markers[:1])[0]
+    assert np.linalg.norm(went) == pytest.approx(2e-3, rel=0.05)
+    assert went @ normal > np.cos(np.deg2rad(5.0)) * np.linalg.norm(went)
 
 
 def test_a_swollen_body_stands_off_at_rest(outputs):
