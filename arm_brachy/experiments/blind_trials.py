@@ -14,6 +14,7 @@ COUNTED = {'top-1, all singles': 'top-1, all singles',
            'wrong claims, all cases': 'wrong claims, or no answer',
            'held-out recovery': 'held-out recovery'}
 HIDES = 'what-hides'      # file of `prove.what_hides`
+ALIKE = 'alike'           # file of `prove.alike`
 LENGTHS = ('oracle', 'at_states', 'calibrated', 'seen', 'tested')
 PARTS = ('named', 'noticed')        # shares of single terms and sizes; they are in the files
 
@@ -68,6 +69,19 @@ def hidden_lines(found):
             for row in found['rows'])
     return '\n'.join([f'| {" | ".join(heads)} |', '|---' * len(heads) + '|',
                       *(f'| {row} |' for row in rows)])
+
+
+def alike(results):
+    """Lines of a table: how alike the generator's and the registry's effects are."""
+    return alike_lines(json.loads((results / f'{ALIKE}.json').read_text(encoding='utf-8')))
+
+
+def alike_lines(found):
+    """Lines of a table of what `prove.alike` writes."""
+    rows = (f'| `{row["effect"]}` | {row["planted"]:.1f} | {row["apart"]:.1f} | '
+            f'{row["apart"] / row["planted"]:.0%} |' for row in found['rows'])
+    heads = ['| effect | shows, sd | the two differ by, sd | share |', '|---|---|---|---|']
+    return '\n'.join([*heads, *rows])
 
 
 def baseline_lines(rows):

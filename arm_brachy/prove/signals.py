@@ -120,13 +120,21 @@ class Sight:
     def _null(self, case):
         return self._play(case, (), self._sound)
 
-    def shown(self, job):
+    def body(self, job):
+        """The generator's Body of a job."""
+        return self._cases[job.name].body
+
+    def shown(self, job, effects=None):
         """(t (n,) [s], kind -> (names, (n, c, 3))) how what is planted changes what sensors show.
 
+        effects : catalogue.Effects, None = those of the job
         t : of the generator, from the start of the protocol;  kind : of STREAMS but encoders
         """
-        case = self._cases[job.name]
-        grid, streams = self._streams(case, case.effects, self._worlds[job.name])
+        case, world = self._cases[job.name], self._worlds[job.name]
+        if effects is not None:
+            case = replace(case, effects=effects)
+            world = build_world(case, self._cache)
+        grid, streams = self._streams(case, case.effects, world)
         null = self._null(case)
         return grid, {name: (streams[name].names, _at(grid, streams[name]) - null[name])
                       for name in STREAMS if name != 'encoders'}

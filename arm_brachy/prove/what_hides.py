@@ -106,16 +106,23 @@ def at_states(t, names, values, wanted, states):
     return out
 
 
+def effect_at_states(matched, t, shown):
+    """(N, 1) whitened effect in a Matched recording of what a `signals.Sight` has shown.
+
+    t : (n,) [s] of the recording
+    """
+    channels = channels_of(matched.baseline.model.specimen)
+    return matched.observables.whiten({
+        KINDS[name]: at_states(t, names, values, channels[KINDS[name]], matched.recorded.states.t)
+        for name, (names, values) in shown.items()})
+
+
 def visible(job, truth, row, folder):
     """The Visible of a job whose truth is known; row : of the trial's result."""
     path = drawn_again(job, truth, folder)
     _, matched = compared(path / 'bag', path / 'scene.yaml')
     t, shown = Sight([job], folder / 'cache').shown(job)
-    channels = channels_of(matched.baseline.model.specimen)
-    effect = matched.observables.whiten({
-        KINDS[name]: at_states(t + truth['start_s'], names, values, channels[KINDS[name]],
-                               matched.recorded.states.t)
-        for name, (names, values) in shown.items()})
+    effect = effect_at_states(matched, t + truth['start_s'], shown)
     (U, names), (tests, _) = stacked_nuisances([matched]), structured_tests([matched])
     found = scan(U, effect[:, 0], tests, np.random.default_rng(0))
     beside = (U[:, ~np.isin(names, NAMES)], U)

@@ -1,0 +1,41 @@
+"""Effects of the generator and terms of the registry under one name: what is compared, and how."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from arm_brachy.core.errors import InputError
+from arm_brachy.experiments.blind_trials import TRIALS, alike_lines
+from arm_brachy.prove import alike
+from arm_brachy.prove.generator.body import draw_body
+from arm_brachy.registry import by_name, parse_terms
+
+
+@pytest.fixture(scope='module')
+def body():
+    return draw_body(np.random.default_rng(1), 'test')
+
+
+@pytest.mark.parametrize('name', alike.PLAYED)
+def test_the_registry_takes_the_numbers_of_the_generator(body, name):
+    """As a scenario would have them: names, units and limits are those of the term."""
+    effect = alike.typical(name, body)
+    term, = parse_terms([alike.entry(effect)], 'test')
+    assert isinstance(term, by_name(name))
+    assert effect.values and alike.typical(name, body) == effect    # drawn from one seed
+
+
+def test_what_is_no_such_effect_or_case_is_refused_in_a_line(body, monkeypatch, capsys, tmp_path):
+    with pytest.raises(InputError, match='backlash: must be one of anisotropy'):
+        alike.typical('backlash', body)
+    monkeypatch.setattr(sys, 'argv', ['alike', TRIALS[-1], 'case_999', '--folder', str(tmp_path)])
+    with pytest.raises(SystemExit) as end:
+        alike.main()
+    assert end.value.code == 2
+    assert 'case_999: must be one of the' in capsys.readouterr().err
+
+
+def test_the_table_has_a_line_an_effect():
+    rows = [{'effect': 'gravity', 'planted': 8.0, 'apart': 0.4}]
+    assert alike_lines({'rows': rows}).splitlines()[2] == '| `gravity` | 8.0 | 0.4 | 5% |'
