@@ -71,11 +71,6 @@ def hidden_lines(found):
                       *(f'| {row} |' for row in rows)])
 
 
-def alike(results):
-    """Lines of a table: how alike the generator's and the registry's effects are."""
-    return alike_lines(json.loads((results / f'{ALIKE}.json').read_text(encoding='utf-8')))
-
-
 def alike_lines(found):
     """Lines of a table of what `prove.alike` writes."""
     rows = (f'| `{row["effect"]}` | {row["planted"]:.1f} | {row["apart"]:.1f} | '

@@ -1,6 +1,7 @@
 """Effects of the generator and terms of the registry under one name: what is compared, and how."""
 
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from arm_brachy.core.errors import InputError
 from arm_brachy.experiments.blind_trials import TRIALS, alike_lines
 from arm_brachy.prove import alike
 from arm_brachy.prove.generator.body import draw_body
+from arm_brachy.prove.generator.solver import NotSolved
 from arm_brachy.registry import by_name, parse_terms
 
 
@@ -34,6 +36,23 @@ def test_what_is_no_such_effect_or_case_is_refused_in_a_line(body, monkeypatch, 
         alike.main()
     assert end.value.code == 2
     assert 'case_999: must be one of the' in capsys.readouterr().err
+
+
+def test_a_place_without_a_balance_is_drawn_anew(body):
+    """And where none of them has one, that is said."""
+    played, solved = [], alike.Both('gravity', 8.0, 0.4)
+
+    def both(effect):
+        played.append(effect.values['added_m_s2'])
+        if len(played) < alike.ATTEMPTS - lucky:
+            raise NotSolved('no equilibrium')
+        return solved
+    bench, lucky = SimpleNamespace(body=body, both=both), 1
+    assert alike._played(bench, 'gravity') is solved
+    assert len(set(played)) == len(played) == alike.ATTEMPTS - 1
+    played, lucky = [], -1
+    with pytest.raises(InputError, match='gravity: no equilibrium at 5 places'):
+        alike._played(bench, 'gravity')
 
 
 def test_the_table_has_a_line_an_effect():
