@@ -93,18 +93,18 @@ def sizes_of(assembly, candidate):
     return hypotheses, amplitudes, widths
 
 
-def fit_in_full(assembly, candidate, law, kept=None):
+def fit_in_full(assembly, candidate, law):
     """Fitted of a decide.Candidate of an assembly.Assembly, at some states of each recording.
 
     law : model_error.Accuracy.law, which intervals of causes in the tissue include
-    kept : as of Fitted; None = STATES of them and SHOWING more
+
     Where the full fit does not settle, the numbers are those of the linear answer, and a note
     says so.
     """
     hypotheses, amplitudes, widths = sizes_of(assembly, candidate)
     suspects = assembly.suspects
-    kept = kept or tuple(_kept(m, effect) for m, effect in zip(
-        suspects, _effects(assembly, candidate), strict=False))
+    kept = tuple(_kept(m, effect) for m, effect in zip(suspects, _effects(assembly, candidate),
+                                                       strict=False))
     data = [replace(without_modulus(m, some), absent=tuple(
         i for i, one in enumerate(hypotheses) if not one.acts_in(number)))
         for number, (m, some) in enumerate(zip(suspects, kept, strict=True))]

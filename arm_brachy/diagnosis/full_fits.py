@@ -3,15 +3,13 @@
 Test: diagnosis/test_full_fits.py
 """
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.stats import chi2
 
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
 from arm_brachy.diagnosis.held_out import with_found
-from arm_brachy.diagnosis.inference import Beside, evidence_over_none, posterior, stacked
+from arm_brachy.diagnosis.inference import Beside, evidence_over_none, stacked
 from arm_brachy.diagnosis.laplace import gain_over_response
 from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue, past_errors
 from arm_brachy.diagnosis.model_error import Accuracy
@@ -19,7 +17,6 @@ from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.structured_tests import structured_tests
 
 AS_GOOD = 1.0       # gain of a full fit in log density, below which its response does as well
-ELSEWHERE = 15.0    # log evidence of another place in what is left, for a fit to start there too
 
 
 class FullFits:
@@ -31,19 +28,13 @@ class FullFits:
 
     def __init__(self, assembly, rng, accuracy=None):
         self._assembly, self._rng, self._known, self._gains = assembly, rng, {}, {}
-        self._starts = {}
         self._law = (accuracy or Accuracy()).law
 
     def of(self, candidate):
         """The Fitted of a decide.Candidate."""
         key = tuple(map(id, candidate.explanations))
         if key not in self._known:
-            start = self._started(candidate, tuple(
-                self._starts.get(one, e) for one, e in zip(key, candidate.explanations,
-                                                           strict=True)))
-            self._known[key] = fit_in_full(self._assembly, start, self._law)
-            if len(key) == 1 and self._known[key].refit is not None:
-                self._known[key] = self._from_elsewhere(candidate)
+            self._known[key] = fit_in_full(self._assembly, candidate, self._law)
         return self._known[key]
 
     def check(self, candidate):
@@ -66,7 +57,10 @@ class FullFits:
         else:
             parts, U, left, size = self._fit_leaves(candidate)
             columns = [self._columns(e, parts, self.of(candidate).kept) for e in explanations]
-        return _evidences([np.hstack(columns)], U, left, size)[0]
+        weight = 1.0 / np.sqrt(1.0 + np.square(size))
+        shown = weight[:, None] * np.hstack(columns)
+        seen = Beside(weight[:, None] * U).weighted(shown)
+        return evidence_over_none(seen.T @ shown, seen.T @ (weight * left))
 
     def gain(self, candidate):
         """laplace.Gain of the full fit of a decide.Candidate; None if it did not settle."""
@@ -88,48 +82,6 @@ class FullFits:
             and not _are_something(found.refit, number, hypothesis.strengths)
             for number, (hypothesis, estimates) in enumerate(
                 zip(found.hypotheses, found.estimates, strict=True)))
-
-    def _from_elsewhere(self, candidate):
-        """The Fitted of a single cause, or that from another place if it comes to a better end.
-
-        Beside a strong effect that bends, a response puts a weak one where it makes up for the
-        bend, and the full fit ends in the minimum next to that. What it leaves shows the place.
-        """
-        found, (first,) = self.of(candidate), candidate.explanations
-        places = self._places(found, first)
-        if not places:
-            return found
-        parts, *leaves = self._fit_leaves(candidate)
-        gains = _evidences([self._columns(e, parts, found.kept) for e in places], *leaves)
-        best = int(np.argmax(gains))
-        if gains[best] < ELSEWHERE:
-            return found
-        other = fit_in_full(self._assembly, self._started(candidate, (places[best],)), self._law,
-                            found.kept)
-        if other.refit is None or other.refit.after >= found.refit.after:
-            return found
-        self._starts[id(first)] = places[best]
-        return other
-
-    def _places(self, found, first):
-        """Explanations that differ from the `first` of a Fitted by nothing but where it starts."""
-        free = {chart.field for chart in found.refit.space.charts if chart.number == 0}
-        mine, out = self._assembly.hypothesis_of(first)[0].place, []
-        for e in self._assembly.problem.explanations:
-            if e.cause == first.cause and e is not first:
-                other = self._assembly.hypothesis_of(e)[0].place
-                if set(other) == set(mine) and {k for k in mine if mine[k] != other[k]} <= free:
-                    out.append(e)
-        return out
-
-    def _started(self, candidate, explanations):
-        """A Candidate whose fit starts from these explanations, as large as responses say."""
-        if all(a is b for a, b in zip(explanations, candidate.explanations, strict=True)):
-            return candidate
-        problem, columns = self._assembly.problem, np.hstack([e.columns for e in explanations])
-        best, last = posterior(np.hstack([problem.U, columns]), problem.r), -columns.shape[1]
-        sd = np.sqrt(np.diag(best.covariance(slice(last, None))))
-        return replace(candidate, explanations=explanations, mean=best.mean[last:], sd=sd)
 
     def _response_does(self, candidate):
         """True if a full fit did not settle or does no better than the response."""
@@ -195,20 +147,6 @@ class FullFits:
         U = np.hstack([U, past_errors(tests[:, past], size)])
         weight = 1.0 / np.sqrt(1.0 + np.square(size))
         return scan(weight[:, None] * U, weight * r, weight[:, None] * tests, self._rng)
-
-
-def _evidences(parts, U, left, size):
-    """Log evidence of columns (N, p), each of `parts` alone, in what is left, over none.
-
-    U, left, size : as of `FullFits._fit_leaves`
-    """
-    weight = 1.0 / np.sqrt(1.0 + np.square(size))
-    shown = weight[:, None] * np.hstack(parts)
-    seen = Beside(weight[:, None] * U).weighted(shown)
-    a = seen.T @ (weight * left)
-    ends = np.cumsum([0, *(part.shape[1] for part in parts)])
-    return [evidence_over_none(seen[:, i:j].T @ shown[:, i:j], a[i:j])
-            for i, j in zip(ends[:-1], ends[1:], strict=True)]
 
 
 def pushes_of(m):

@@ -127,7 +127,8 @@ def of_case(commit, case, names, folder):
     if case not in jobs:
         raise InputError(f'{case}: must be one of the {len(jobs)} cases of {commit}, '
                          f'{min(jobs)} to {max(jobs)}')
-    bench = Bench(jobs[case], truths[case], TrialFolder(folder))
+    at = TrialFolder((Path(folder) / commit).resolve())     # of another trial is another body
+    bench = Bench(jobs[case], truths[case], at)
     rows = [asdict(_played(bench, name)) for name in names]
     return {'trial': commit, 'case': case, 'commit': commit_of(share_dir()), 'rows': rows}
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from arm_brachy.diagnosis.cause import Estimate
-from arm_brachy.diagnosis.decide import Candidate, Explanation
 from arm_brachy.diagnosis.freedom import HALF
 from arm_brachy.diagnosis.full_fits import AS_GOOD, FullFits
 from arm_brachy.diagnosis.laplace import Gain
@@ -107,48 +106,3 @@ def test_what_a_response_says_as_well_is_asked_what_it_leaves_in_every_state(
     fits._linear = lambda candidate: 'every state'
     fits._fitted = lambda candidate: 'states of the fit'
     assert fits.check(None) == expected
-
-
-class Bump:
-    """A cause at one of two places, each with columns; `costs` are those of fits from there."""
-
-    def __init__(self, monkeypatch, shown, costs):
-        rng, self.asked = np.random.default_rng(4), []
-        columns = rng.standard_normal((2, 80, 1))
-        self.here, self.there = (Explanation('bump', variant, part) for variant, part in
-                                 zip(('here', 'there'), columns, strict=True))
-        self.other = Explanation('other', '', rng.standard_normal((80, 1)))
-        problem = SimpleNamespace(explanations=(self.here, self.there, self.other),
-                                  U=np.zeros((80, 1)), r=rng.standard_normal(80))
-        assembly = SimpleNamespace(problem=problem, hypothesis_of=lambda e: (
-            SimpleNamespace(place={'centre': e.variant}), None))
-        self.fits = FullFits(assembly, None)
-        left = shown * columns[1, :, 0] + rng.standard_normal(80)
-        self.fits._fit_leaves = lambda candidate: (None, problem.U, left, np.zeros(80))
-        self.fits._columns = lambda e, parts, kept: e.columns
-
-        def fit(assembly, candidate, law, kept=None):
-            variants = [e.variant for e in candidate.explanations]
-            self.asked.append((variants, kept))
-            chart = SimpleNamespace(number=0, field='centre')
-            return SimpleNamespace(kept='states', variants=variants, refit=SimpleNamespace(
-                after=costs[variants[0]], space=SimpleNamespace(charts=[chart])))
-        monkeypatch.setattr('arm_brachy.diagnosis.full_fits.fit_in_full', fit)
-
-    def fitted(self, *explanations):
-        return self.fits.of(Candidate(explanations, 0.0, 0.0, np.zeros(len(explanations)),
-                                      np.ones(len(explanations))))
-
-
-def test_a_place_is_looked_for_again_in_what_a_full_fit_leaves(monkeypatch):
-    """At the same states, so that costs compare; and a pair starts where the single one ended."""
-    bump = Bump(monkeypatch, shown=3.0, costs={'here': 900.0, 'there': 400.0})
-    assert bump.fitted(bump.here).variants == ['there']
-    assert bump.asked == [(['here'], None), (['there'], 'states')]
-    assert bump.fitted(bump.here, bump.other).variants == ['there', '']
-
-
-@pytest.mark.parametrize(('shown', 'there', 'fits'), [(0.0, 400.0, 1), (3.0, 901.0, 2)])
-def test_a_place_that_shows_nothing_or_fits_worse_is_not_taken(monkeypatch, shown, there, fits):
-    bump = Bump(monkeypatch, shown, costs={'here': 900.0, 'there': there})
-    assert bump.fitted(bump.here).variants == ['here'] and len(bump.asked) == fits
