@@ -179,9 +179,9 @@ def _beyond_noise(assembly, left):
 
 
 def _times(assembly, values):
-    """statements.Interval in which values (N,) are large, in every recording."""
-    return tuple(one for m, rows in split_rows(assembly, values)
-                 for one in intervals(m, shown_in(m, rows)))
+    """statements.Interval in which values (N,) are large, in every recording that may lack it."""
+    suspects = split_rows(assembly, values)[:len(assembly.matched) - assembly.sound]
+    return tuple(one for m, rows in suspects for one in intervals(m, shown_in(m, rows)))
 
 
 def said_of(label):

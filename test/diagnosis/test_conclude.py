@@ -34,6 +34,20 @@ def test_a_channel_says_when_in_the_recordings_that_have_it(monkeypatch):
     assert not when[:-5].any() and np.all(when[-5:] == 1.0)
 
 
+def test_when_is_told_of_no_null_recording(monkeypatch):
+    """Both are off by as much in their second state; in one of them nothing is wrong."""
+    monkeypatch.setattr('arm_brachy.diagnosis.conclude.intervals', lambda m, size: (m.name, *size))
+    suspect, null = (SimpleNamespace(
+        name=name, r=np.zeros(3), observables=SimpleNamespace(
+            states=np.arange(3), rows=[Row('force', 'pad_1', axis=2, state=k) for k in range(3)]),
+        recorded=SimpleNamespace(states=SimpleNamespace(t=np.arange(3.0))),
+        baseline=made_up().matched[0].baseline) for name in ('suspect', 'null'))
+    assembly = SimpleNamespace(matched=(suspect, null), sound=1,
+                               tests=((('force', 'pad_1', 2), 'rest'),))
+    _, when = unexplained(assembly, 0, np.tile([0.0, 5.0, 0.0], 2))
+    assert when == ('suspect', 0.0, 5.0, 0.0)
+
+
 def test_the_region_of_a_place_holds_what_the_law_may_have_wrong():
     one, millimetre = np.ones(3), 1e-3
     chart = Chart(0, 'bump_centre', tuple, np.zeros(3), millimetre * one, one, one, one, one, one)
