@@ -68,6 +68,23 @@ class Colour:
         m = half - np.sqrt(half ** 2 - 1.0)
         return float(np.sqrt(power / (1.0 + m ** 2))), float(m)
 
+    def log_determinant(self, count, period):
+        """Logarithm of the determinant of the correlation matrix of `count` samples.
+
+        The sum of the log variances of the errors of one-step prediction, by the Kalman filter
+        (Schweppe 1965, IEEE Trans Inf Theory 11:61), which is steady sooner or later.
+        """
+        a2, white = np.exp(-2.0 * period / self.time) if self.share else 0.0, 1.0 - self.share
+        steady = 2.0 * np.log(self.innovation(period)[0])
+        total, slow = 0.0, self.share
+        for k in range(count):
+            one = np.log(slow + white)
+            if abs(one - steady) < 1e-9:
+                return float(total + (count - k) * steady)
+            total += one
+            slow = a2 * slow * white / (slow + white) + self.share * (1.0 - a2)
+        return float(total)
+
     def whiten(self, period, columns):
         """Innovations of unit variance of the columns (n, ...), `period` [s] apart.
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from arm_brachy.diagnosis.finding import Finding, threshold
 from arm_brachy.diagnosis.jumps import Jump
-from arm_brachy.diagnosis.stream import BASE, EM, FORCE, OPTICAL
+from arm_brachy.diagnosis.stream import BASE, EM, FORCE, OPTICAL, TISSUE
 
 TOGETHER = 0.1     # s: steps whose intervals come as near as this may be one event
 MOST = 0.6         # of the markers that were there: the tracker or the whole bench jumped
@@ -14,6 +14,7 @@ ASIDE = 4.0        # standard deviations across the push that no actuator can ma
 WEAK = 3.0         # z at which a step counts as a companion of a strong one
 NEAR = 0.2         # of the way between two markers, by which both may miss it that exchange names
 CLEAR = 3.0        # standard deviations between a pad that moved and one that did not
+GROWN = 2.0        # most that tissue moves beside the pad that pushes it
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,9 @@ def event_findings(prepared, events, frames, follows):
         show to a pad that stands short, see `consequence`
     Most optical markers, base among them: tracker or bench. A pad's marker along its push, all of
     them where there are several: lost steps if the rest of the body follows, a slipped marker if
-    it does not, either if nothing tells. A marker alone: it slipped. Several tissue markers, or a
-    force with them: something touched the body.
+    it does not, either if nothing tells; not if a tissue marker jumps by more than twice as much.
+    A marker alone: it slipped. Several tissue markers, or a force with them: something touched
+    the body.
     Test: diagnosis/structural/test_events.py
     """
     return tuple(_judge(prepared, event, frames, follows) for event in events)
@@ -97,6 +99,9 @@ def _judge(prepared, event, frames, follows):
     on_pads = event.on(*prepared.evidence.pads)
     if len({jump.body for jump in on_pads}) == 1 and not event.on(BASE):
         lead = max(on_pads, key=lambda j: j.z)
+        if not _drives(event, lead):
+            rest = tuple(jump for jump in event.jumps if jump not in on_pads)
+            return _judge(prepared, replace(event, jumps=rest), frames, follows)
         if len(on_pads) == 1 and len(stream.on(lead.body)) > 1:
             return _slip(prepared, event, lead)     # the others on its pad do not jump
         return _pad(prepared, event, lead, frames[lead.channel], follows)
@@ -108,6 +113,12 @@ def _judge(prepared, event, frames, follows):
                     f'{_names(event)} jump together at {event.t:.2f} s, the others do not: '
                     'something touched or let go of the body.',
                     ('external_force', 'lost_steps', 'pad_slip', 'obstacle'))
+
+
+def _drives(event, lead):
+    """True if the Jump of a pad's marker may have moved the tissue: pushes spread, few grow."""
+    most = GROWN * np.linalg.norm(lead.step.size) + CLEAR * np.linalg.norm(lead.step.sd)
+    return all(np.linalg.norm(jump.step.size) <= most for jump in event.on(TISSUE))
 
 
 def _exchanged(stream, one, other):

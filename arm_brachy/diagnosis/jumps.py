@@ -9,6 +9,7 @@ from arm_brachy.diagnosis.colour import residual_colour
 from arm_brachy.diagnosis.finding import sigma
 from arm_brachy.diagnosis.history import drift_columns, history_columns
 from arm_brachy.diagnosis.regression import regress
+from arm_brachy.diagnosis.steadfast import steadfast
 from arm_brachy.diagnosis.stream import BASE, EM, FORCE, OPTICAL, TISSUE
 
 FEWEST = 100    # samples of a channel
@@ -67,8 +68,9 @@ def _jumps(stream, noise, k, columns, alarm, slack):
     found = steps(stream.t, y, valid, colour, sd, nuisance, alarm=alarm)
     if found:   # what sets in and goes on is a step from afar: not one that a kink does away with
         ramp = _kink(stream.t, y, columns, valid, colour, sd)
-        found = steps(stream.t, y, valid, colour, sd, np.column_stack([nuisance, ramp]),
-                      alarm=alarm)
+        nuisance = np.column_stack([nuisance, ramp])
+        found = steps(stream.t, y, valid, colour, sd, nuisance, alarm=alarm)
+        found = steadfast(found, stream.t, y, valid, sd, nuisance, alarm=alarm)
     return [Jump(stream.kind, stream.names[k], stream.bodies[k], step,
                  sigma(step.size, step.sd, np.hypot(bend, slack))) for step in joined(found)]
 

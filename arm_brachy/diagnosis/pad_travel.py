@@ -17,6 +17,7 @@ from arm_brachy.diagnosis.colour import residual_colour
 from arm_brachy.diagnosis.course import Course, course_of
 from arm_brachy.diagnosis.history import drift_columns, play, slope
 from arm_brachy.diagnosis.regression import regress
+from arm_brachy.diagnosis.steadfast import steadfast
 from arm_brachy.diagnosis.stream import ENCODER, FORCE, OPTICAL
 
 GAIN, COMPLIANCE, PLAY, DELAY, OFFSET = 'gain', 'compliance', 'play', 'delay', 'offset'
@@ -180,8 +181,9 @@ def _explained(t, moved, valid, travel, force, known, alarm):
         causes |= _play_column(then, y[:, 0], fixed | causes, valid, travel)
         full = regress(t, y, fixed | causes, valid, colour, sd)
         colour, sd = residual_colour(t, full.residual, valid, *known)
-        slow = list((drift_columns(t) | causes).values())
-        jumps = steps(t, y, valid, colour, sd, np.stack(slow, axis=1), alarm=alarm)
+        slow = np.stack(list((drift_columns(t) | causes).values()), axis=1)
+        jumps = steps(t, y, valid, colour, sd, slow, alarm=alarm)
+        jumps = steadfast(jumps, t, y, valid, sd, slow, alarm=alarm)
         late, error = (float(x[0]) for x in full.of(DELAY))
         if again and abs(late) > LATE * error:
             delay += late

@@ -34,6 +34,19 @@ def test_a_tissue_marker_that_slips(happened):
     assert found.value == pytest.approx([0.0, 8e-4, 0.0], abs=8e-5)
 
 
+def test_a_pad_that_jumps_by_less_than_the_tissue_did_not_move_it(happened):
+    """Both at once: the larger one is told, and not hidden behind the pad."""
+    def both(t, names, points):
+        moved = np.zeros_like(points)
+        moved[..., names.index('tissue_5'), :] = [0.0, 8e-4, 0.0]
+        moved[..., names.index('pad_1'), :] = [1.5e-4, 0.0, 1e-4]
+        return points + (t > ONSET) * moved
+
+    found, = happened(disturb=both)
+    assert (found.term, found.channel) == ('marker_slip', 'tissue_5')
+    assert found.value == pytest.approx([0.0, 8e-4, 0.0], abs=8e-5)
+
+
 def test_a_base_marker_that_slips_is_not_the_base_that_moves(happened):
     found, = happened({'name': 'marker_slip', 'marker': 'base_1', 'onset_s': ONSET,
                        'offset_mm': [0.8, 0.0, 0.0]})

@@ -1,0 +1,33 @@
+"""Steps that stay steps where the noise may be slower than it looks.
+
+Sensors have slow noise of which a rest of a second shows nothing, and regressors that follow the
+pads take much of it out of what they leave: the first search finds steps in it.
+"""
+
+import numpy as np
+
+from arm_brachy.diagnosis.changes import PARTS, steps
+from arm_brachy.diagnosis.restricted import restricted_colour
+
+NOTHING = 1e-3   # of a sensor's noise: less is none
+
+
+def steadfast(found, t, y, valid, sd, nuisance, *, alarm):
+    """Steps, of those found, that are as unlikely in noise as slow as it is beside themselves.
+
+    found : changes.Step each;  others as of `changes.steps`;  returns a tuple
+    A step that noise alone made takes some of its slow part away: those that are left are asked
+    again until all of them stay.
+    Test: diagnosis/structural/test_restricted.py
+    """
+    plain = np.column_stack([np.ones(len(t)), nuisance])
+    while found:
+        there = np.stack([t >= one.t for one in found], axis=1).astype(float)
+        colour, slow = restricted_colour(t, y, valid, np.hstack([plain, there]), NOTHING * sd)
+        again = steps(t, y, valid, colour, np.maximum(slow, sd), nuisance, alarm=alarm)
+        kept = [one for one in again
+                if any(f.low - PARTS <= one.t <= f.high + PARTS for f in found)]
+        if len(kept) >= len(found):
+            return tuple(kept)
+        found = kept
+    return ()
