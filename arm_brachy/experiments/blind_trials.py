@@ -71,12 +71,25 @@ def hidden_lines(found):
                       *(f'| {row} |' for row in rows)])
 
 
-def alike_lines(found):
-    """Lines of a table of what `prove.alike` writes."""
-    rows = (f'| `{row["effect"]}` | {row["planted"]:.1f} | {row["apart"]:.1f} | '
-            f'{row["apart"] / row["planted"]:.0%} |' for row in found['rows'])
-    heads = ['| effect | shows, sd | the two differ by, sd | share |', '|---|---|---|---|']
-    return '\n'.join([*heads, *rows])
+def alike(results):
+    """Lines of a table: of every file of `prove.alike` how far the generator's effects and the
+    registry's are apart."""
+    return alike_lines(*(json.loads(path.read_text(encoding='utf-8'))
+                         for path in sorted(results.glob(f'{ALIKE}-*.json'))))
+
+
+def alike_lines(*found):
+    """Lines of a table of what `prove.alike` writes: a column of each, shares of what shows."""
+    rows = {}
+    for column, one in enumerate(found):
+        for row in one['rows']:
+            apart, of = row['apart'], row['planted']
+            cells = rows.setdefault(row['effect'], ['-'] * len(found))
+            cells[column] = f'{apart:.1f} of {of:.1f} ({apart / of:.0%})'
+    head = [f'{one["trial"]} {one["case"]}, sd' for one in found]
+    lines = [[f'`{effect}`', *cells] for effect, cells in rows.items()]
+    return '\n'.join([f'| effect | {" | ".join(head)} |', '|---' * (1 + len(found)) + '|',
+                      *(f'| {" | ".join(line)} |' for line in lines)])
 
 
 def baseline_lines(rows):

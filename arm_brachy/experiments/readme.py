@@ -147,7 +147,7 @@ BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _s
             'diagnosis': _diagnosis, 'laboratories': _laboratories,
             'faults': _dome_faults, 'gel': _gel_block,
             'trials': blind_trials.markdown, 'baselines': blind_trials.baselines,
-            'hides': blind_trials.hidden}
+            'hides': blind_trials.hidden, 'alike': blind_trials.alike}
 
 
 def main():

@@ -55,6 +55,11 @@ def test_a_place_without_a_balance_is_drawn_anew(body):
         alike._played(bench, 'gravity')
 
 
-def test_the_table_has_a_line_an_effect():
-    rows = [{'effect': 'gravity', 'planted': 8.0, 'apart': 0.4}]
-    assert alike_lines({'rows': rows}).splitlines()[2] == '| `gravity` | 8.0 | 0.4 | 5% |'
+def test_the_table_has_a_line_an_effect_and_a_column_a_case():
+    one = {'trial': 'abc', 'case': 'case_000',
+           'rows': [{'effect': 'gravity', 'planted': 8.0, 'apart': 0.4}]}
+    other = {'trial': 'abc', 'case': 'case_001',
+             'rows': [{'effect': 'obstacle', 'planted': 1.0, 'apart': 1.5}]}
+    assert alike_lines(one, other).splitlines() == [
+        '| effect | abc case_000, sd | abc case_001, sd |', '|---|---|---|',
+        '| `gravity` | 0.4 of 8.0 (5%) | - |', '| `obstacle` | - | 1.5 of 1.0 (150%) |']
