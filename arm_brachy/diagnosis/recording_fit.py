@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from arm_brachy.core.errors import NotConverged
+from arm_brachy.core.errors import MeshError, NotConverged
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.alongside import Alongside
 from arm_brachy.diagnosis.baseline import Baseline
@@ -225,7 +225,8 @@ class RecordingFit:
 
         leading : differences of supports are those of condensed answers beside the model without
             the terms: right to some per cent, a twentieth of the cost of full runs
-        Central differences, one-sided at a limit. Raises NotConverged where a full run fails.
+        Central differences, one-sided at a limit and where the term does not fit the mesh at one
+        end. Raises NotConverged where a full run fails, or it fits at neither.
         """
         baseline, changes = None, {}
         if self._still is None and self.beside is None and not touches(model.body).any():
@@ -238,9 +239,7 @@ class RecordingFit:
         out = []
         for number, step in zip(space.owner, np.diag(space.joined('step')), strict=True):
             ends = np.maximum(now.z - step, low), np.minimum(now.z + step, high)
-            before, after = (changes[number](space.terms(end)) for end in ends)
-            width = np.sum(ends[1] - ends[0])
-            out.append({kind: (after[kind] - before[kind]) / width for kind in STAGES})
+            out.append(_slope(lambda z, n=number: changes[n](space.terms(z)), now.z, ends))
         if leading and not all(np.isfinite(one[kind]).all() for one in out for kind in STAGES):
             return self.columns(space, now, model)      # a condensed balance that is not found
         return self.data.observables.whiten(
@@ -280,6 +279,26 @@ class RecordingFit:
             raise NotConverged('no state was found beside one that was, where the derivative by '
                                'a contact is asked for; hold its place or its size')
         return found
+
+
+def _slope(change, z, ends):
+    """kind -> (n, c, 3) slope of `change` between two ends (k,); z in the place of a refused one.
+
+    Raises NotConverged where the mesh refuses both.
+    """
+    found, refused = [], None
+    for end in ends:
+        try:
+            found.append((end, change(end)))
+        except MeshError as error:
+            refused = error
+    if not found:
+        raise NotConverged(f'no derivative beside a model that the mesh refuses: {refused}')
+    if refused is not None:
+        found.append((z, change(z)))
+    (one, there), (other, here) = found
+    width = np.sum(other - one)
+    return {kind: (here[kind] - there[kind]) / width for kind in STAGES}
 
 
 def _bonding(terms):
