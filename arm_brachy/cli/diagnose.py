@@ -21,7 +21,7 @@ from arm_brachy.diagnosis import diagnose as stages
 from arm_brachy.diagnosis import words
 from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
 from arm_brachy.diagnosis.diagnosis import Provenance
-from arm_brachy.diagnosis.evidence import load_evidence, zero_of
+from arm_brachy.diagnosis.evidence import load_evidence, told_apart, zero_of
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.page import write_diagnosis
 from arm_brachy.diagnosis.pushes import moves_of
@@ -57,10 +57,13 @@ def diagnose(bags, scene, null, held_out, seed, out, json_file):
       arm-brachy diagnose runs/probe/bag --scene config/scenes/breast.yaml
     """
     described = load_scene(scene)
-    zero = zero_of((*bags, *null, *held_out))
-    evidences, sound, tested = (load_evidence(some, described, zero)
-                                for some in (bags, null, held_out))
-    name = Path(bags[0]).resolve().stem if len(bags) == 1 else f'{len(bags)} recordings'
+    every = (*bags, *null, *held_out)
+    zero = zero_of(every)
+    loaded = told_apart([one for some in (bags, null, held_out)
+                         for one in load_evidence(some, described, zero)], every)
+    evidences, rest = loaded[:len(bags)], loaded[len(bags):]
+    sound, tested = rest[:len(null)], rest[len(null):]
+    name = evidences[0].name if len(bags) == 1 else f'{len(bags)} recordings'
     made_by = summary(name, (), seed=seed)
     provenance = Provenance(name, seed, made_by.commit, made_by.machine, str(scene), (),
                             _typed(bags, scene, null, held_out))

@@ -1,6 +1,8 @@
 """One recording as the diagnosis sees it: what a real cell would have published, nothing else."""
 
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -94,6 +96,26 @@ def load_evidence(bags, scene, zero=None):
     bags = list(bags)
     return tuple(evidence_of(load_run(bag, measured=True), scene, samples=SAMPLES // len(bags),
                              zero=zero) for bag in bags)
+
+
+def told_apart(evidences, bags):
+    """The Evidence of each bag (path), those of one name with the end of its path; a tuple.
+
+    Repeats of a scenario have its name, and results are kept and shown by the name of a recording.
+    """
+    common = Counter(one.name for one in evidences)
+    ends = _ends([Path(bag).resolve() for bag in bags])
+    return tuple(replace(one, name=f'{one.name} ({end})') if common[one.name] > 1 else one
+                 for one, end in zip(evidences, ends, strict=True))
+
+
+def _ends(paths):
+    """The last parts of paths that differ, as few as tell all of them apart."""
+    for number in range(1, max(len(path.parts) for path in paths) + 1):
+        ends = ['/'.join(path.parts[-number:]) for path in paths]
+        if len(set(ends)) == len(paths):
+            break
+    return ends
 
 
 def evidence_of(run, scene, *, samples=SAMPLES, zero=None):

@@ -10,7 +10,7 @@ from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Marker
 from arm_brachy.diagnosis import evidence as module
 from arm_brachy.diagnosis.checks import refuse_twice
-from arm_brachy.diagnosis.evidence import evidence_of, load_evidence
+from arm_brachy.diagnosis.evidence import evidence_of, load_evidence, told_apart
 from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, Stream, thinned
 from arm_brachy.evaluation.timeseries import EmSamples, RunData, Series, Tissue
 
@@ -303,3 +303,12 @@ def test_many_recordings_share_the_memory(monkeypatch, run, scene):
     found = load_evidence(['bag'] * 100, scene)
     assert len(found) == 100
     assert sum(len(one.get(OPTICAL).t) for one in found) < 1.1 * 10_000
+
+
+def test_recordings_of_one_name_are_told_apart_by_the_ends_of_their_paths(run, scene):
+    """Repeats of a scenario have its name: a table and a page would mix them up."""
+    one, other = (evidence_of(replace(run, name=name), scene) for name in ('probe', 'slow'))
+    bags = ('runs/a/bag', 'runs/b/bag', 'runs/c/bag')
+    assert [e.name for e in told_apart([one, one, other], bags)] == [
+        'probe (a/bag)', 'probe (b/bag)', 'slow']
+    assert told_apart([other], bags[:1])[0] is other
