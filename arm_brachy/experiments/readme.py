@@ -15,6 +15,7 @@ from arm_brachy.experiments import (
     blind_trials,
     diagnosis_laboratories,
     diagnosis_totals,
+    laboratory,
 )
 from arm_brachy.experiments.dome_faults import study as dome_faults
 from arm_brachy.experiments.gel_block import study as gel_block
@@ -127,7 +128,7 @@ def _dome_faults(results):
 
 
 def _gel_block(results):
-    return gel_block.markdown(_load(results, gel_block.NAME))
+    return laboratory.markdown(_load(results, gel_block.NAME))
 
 
 def _number(value, form):

@@ -4,7 +4,8 @@ An answer is a diagnosis.Diagnosis as JSON holds it, or {'error': text}. A case 
 `term` (of the registry, None = nothing is missing), `truth` (its parameters as an answer spells
 them, the first is shown) and `place` (fields of the term that select, as in an answer). Right is
 the planted term named alone, or at the head of a class; where nothing was planted,
-`nothing_missing`.
+`nothing_missing`. What the registry has no term for has the term OUTSIDE: right is `unexplained`
+without a cause, `place` is then of statements.Place and `truth` has at most the onset.
 """
 
 import numpy as np
@@ -13,6 +14,8 @@ from arm_brachy.diagnosis.wording import spoken
 from arm_brachy.experiments.diagnosis_score import MESH, explanations, holds
 
 STREAMS = {'optical': 'mm', 'em': 'mm', 'force': 'N'}
+OUTSIDE = 'outside the catalogue'
+ONSET = 'onset_s'
 ERRORS = ('as_given', 'recalibrated', 'with_the_causes', 'noise_floor')
 
 
@@ -22,11 +25,26 @@ def told(case, answer, truth=None):
     truth : where it is not all that the case has;  None = that of the case
     """
     cause = _cause(case, answer)
+    place = None if cause is None or not case.place else cause['applies_to'] == case.place
+    outside = case.term == OUTSIDE and 'where' in answer
     return {'planted': case.term or '-', 'right': right(case, answer),
             'verdict': answer.get('verdict', 'none'), 'said': _said(answer),
-            'place_right': None if cause is None or not case.place
-            else cause['applies_to'] == case.place,
-            **_parameter(case.truth if truth is None else truth, cause)}
+            'place_right': _there(case.place, answer) if outside and case.place else place,
+            **_parameter(case.truth if truth is None else truth,
+                         _onset(answer) if outside else cause)}
+
+
+def _there(place, answer):
+    """Whether one of the places that an answer gives has all fields of `place`."""
+    return any(place.items() <= one.items() for one in answer['where'])
+
+
+def _onset(answer):
+    """First onset that an answer gives of what has no term, in the form of a cause; or None."""
+    first = min((one[ONSET] for one in answer['when'] if ONSET in one and 'term' not in one),
+                default=None)
+    return None if first is None else {'parameters': {
+        ONSET: {'value': sum(first) / 2.0, 'interval_90': first}}}
 
 
 def right(case, answer):
@@ -34,6 +52,8 @@ def right(case, answer):
     verdict = answer.get('verdict')
     if case.term is None:
         return verdict == 'nothing_missing'
+    if case.term == OUTSIDE:
+        return verdict == 'unexplained' and not _leading(answer)
     return verdict in ('named', 'equivalent') and _leading(answer) == {case.term}
 
 

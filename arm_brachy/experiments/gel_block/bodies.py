@@ -8,7 +8,6 @@ the plain body; what an effect changes is the difference of two solutions on coa
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from arm_brachy.experiments.diagnosis_cases import hasty_pool, save
 from arm_brachy.experiments.gel_block.elements import Block
@@ -24,6 +23,7 @@ from arm_brachy.experiments.gel_block.layout import (
     TARGETS,
     E,
 )
+from arm_brachy.experiments.ray import Ray
 
 SHORT = 0.92        # of pad_b's travel, where its actuator falls short
 # Travel of both pads [m] at the end of a ray.
@@ -78,30 +78,6 @@ BODIES = {FINE: Body(FINE_LINES), PLAIN: Body(),
           'gradient': Body(stiffness=stiffer_above),
           'stiffening': Body(stiffening=STIFFENING),
           'debond': Body(loose=beyond_the_edge)}
-
-
-@dataclass(frozen=True)
-class Ray:
-    """States of the marked points at shares of a ray, rest included.
-
-    full : (p,) travel [m] at its end;  share : (k,) 0 to 1
-    u : (k, points, 3) displacements of MARKERS, then TARGETS [m]
-    force : (k, p, 3) of the block on the pads [N], at the scene's modulus
-    """
-
-    full: np.ndarray
-    share: np.ndarray
-    u: np.ndarray
-    force: np.ndarray
-
-    def at(self, share, what):
-        """Values (t, ..., 3) of 'u' or 'force' at shares (t,) of the ray."""
-        return CubicSpline(self.share, getattr(self, what))(share)
-
-    def changed(self, effect, plain):
-        """The Ray with the difference of two others, of the same travel, added."""
-        return Ray(self.full, self.share, self.u + effect.u - plain.u,
-                   self.force + effect.force - plain.force)
 
 
 def solve_ray(body, full):

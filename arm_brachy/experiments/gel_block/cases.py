@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass, field
 
+from arm_brachy.experiments.csv_files import FORCES, OPTICAL
 from arm_brachy.experiments.gel_block.bodies import PLAIN, SHORT, SLOPE, STIFFENING
 from arm_brachy.experiments.gel_block.layout import MM, SIZE, E
-from arm_brachy.experiments.gel_block.recorder import FORCES, OPTICAL, Setup
+from arm_brachy.experiments.gel_block.recorder import Setup
 
 HIGH, LOW = 1.15, 1 / 1.15      # modulus over the scene's: nobody's fault, and recalibrated
 

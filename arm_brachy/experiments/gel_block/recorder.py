@@ -7,22 +7,22 @@ scene's. None of that is told to the diagnosis, and none of it counts as missing
 from dataclasses import dataclass, field
 
 import numpy as np
-from ruamel.yaml import YAML
 from scipy.signal import lfilter
 
-from arm_brachy.core import config
 from arm_brachy.core.random import stream
+from arm_brachy.experiments.csv_files import EM, ENCODERS, FORCES, OPTICAL, Recorded
 from arm_brachy.experiments.gel_block import layout
 from arm_brachy.experiments.gel_block.layout import DIRECTIONS, MARKERS, MM, PADS, TARGETS
 from arm_brachy.experiments.gel_block.protocol import END, FIRST, motors, response
-from arm_brachy.recording.csv_map import ColumnMap, CsvFile, Encoders, Forces, Optical, Tools
 
-ENCODERS, OPTICAL, FORCES, EM = 'encoders', 'optical', 'forces', 'em'
 FINE_STEP = 2e-3        # s, in which memory is integrated: a 1500th of the time constant
 BURSTS, BURST = 12, (0.2, 1.0)      # how often a marker is hidden, and for how long [s]
 ZERO = 0.015            # N, sd of the zeros of the forces
 TURN, SHIFT = np.radians(0.08), 0.3 * MM    # of the tracker's frame against the scene's
 CLOCK = 2e-3            # s, by which the clocks other than the encoders' are late or early
+
+FORMATS = {ENCODERS: ('q_{key}', '%.4f'), OPTICAL: ('{key}_{axis}', '%.3f'),
+           FORCES: ('F{axis}_{key}', '%.4f'), EM: ('{key}_{axis}', '%.3f')}   # mm, forces N
 
 
 @dataclass(frozen=True)
@@ -59,18 +59,6 @@ class Setup:
     drift: dict = field(default_factory=dict)
     memory: tuple | None = None
     poor: bool = False
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """One device's file: names (k,), stamps (t,) [s], values (t, k) or (t, k, 3), SI.
-
-    What was not seen is NaN.
-    """
-
-    names: tuple
-    stamps: np.ndarray
-    values: np.ndarray
 
 
 def lateness(setup, seed, name):
@@ -184,51 +172,8 @@ class Recorder:
         return (1.0 - part) * force[after] + part * force[after + 1]
 
 
-
 def _in_frame(points, rng):
     """Points (t, k, 3) [m] in the tracker's frame, small angles."""
     turn, shift = (size * v / np.linalg.norm(v)
                    for size, v in zip((TURN, SHIFT), rng.normal(size=(2, 3)), strict=True))
     return points + np.cross(turn, points) + shift
-
-
-FORMATS = {ENCODERS: ('q_{key}', '%.4f'), OPTICAL: ('{key}_{axis}', '%.3f'),
-           FORCES: ('F{axis}_{key}', '%.4f'), EM: ('{key}_{axis}', '%.3f')}   # mm, forces N
-
-
-def write_recording(recorded, folder, name):
-    """Write DEVICE.csv of every device and their column map, columns.yaml; returns its path.
-
-    recorded : device -> Recorded;  folder : made if it is not there;  name : of the recording
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    for device, one in recorded.items():
-        _write_csv(folder / f'{device}.csv', device, one)
-    path, yaml = folder / 'columns.yaml', YAML()
-    with path.open('w', encoding='utf-8') as file:
-        yaml.dump(config.to_mapping(_columns(recorded, name)), file)
-    return path
-
-
-def _write_csv(path, device, one):
-    pattern, digits = FORMATS[device]
-    axes = 'xyz' if one.values.ndim == 3 else ('',)
-    header = [pattern.format(key=key, axis=axis) for key in one.names for axis in axes]
-    values = one.values.reshape(len(one.stamps), -1) / (1.0 if device == FORCES else MM)
-    with path.open('w', encoding='utf-8') as file:
-        file.write(','.join(['t_s', *header]) + '\n')
-        for t, row in zip(one.stamps, values, strict=True):
-            cells = ('' if np.isnan(value) else digits % value for value in row)
-            file.write(','.join([f'{t:.6f}', *cells]) + '\n')
-
-
-def _columns(recorded, name):
-    """The csv_map.ColumnMap of a recording; names are those of the scene."""
-    def given(kind, device, **more):
-        return (kind(CsvFile(f'{device}.csv', time='t_s'), FORMATS[device][0],
-                     names={key: key for key in recorded[device].names}, **more),)
-
-    kinds = {ENCODERS: (Encoders, {'unit': 'mm'}), OPTICAL: (Optical, {'unit': 'mm'}),
-             FORCES: (Forces, {'sign': 'on_tool'}), EM: (Tools, {'unit': 'mm'})}
-    return ColumnMap(name, **{device: given(kind, device, **more)
-                              for device, (kind, more) in kinds.items() if device in recorded})

@@ -6,9 +6,10 @@ import pytest
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis.evidence import load_evidence
+from arm_brachy.experiments.csv_files import write_recording
 from arm_brachy.experiments.gel_block import protocol, recorder
 from arm_brachy.experiments.gel_block.layout import MM, PADS
-from arm_brachy.experiments.gel_block.recorder import Recorder, Setup, lateness, write_recording
+from arm_brachy.experiments.gel_block.recorder import FORMATS, Recorder, Setup, lateness
 from arm_brachy.experiments.gel_block.scene import write_scene
 from arm_brachy.recording.import_csv import import_csv
 
@@ -107,7 +108,7 @@ def evidence(recorded, tmp_path_factory):
     for name, poor in (('rich', False), ('poor', True)):
         folder = tmp_path_factory.mktemp(name)
         streams = recorded(poor=poor, modulus=1.2)
-        columns = write_recording(streams, folder / 'csv', name)
+        columns = write_recording(streams, folder / 'csv', name, FORMATS)
         write_scene(folder / 'scene.yaml', poor=poor)
         import_csv(columns, folder / 'bag')
         scene = load_scene(folder / 'scene.yaml')

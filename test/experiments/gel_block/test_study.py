@@ -9,7 +9,7 @@ import pytest
 
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis.evidence import load_evidence
-from arm_brachy.experiments import told
+from arm_brachy.experiments import laboratory, told
 from arm_brachy.experiments.diagnosis_cases import save
 from arm_brachy.experiments.gel_block import study
 from arm_brachy.experiments.gel_block.bodies import BODIES, RAYS
@@ -32,6 +32,10 @@ def cause(term, option=0, probability=0.9, applies_to=None, **parameters):
 
 def answer(verdict, *causes):
     return {'verdict': verdict, 'causes': list(causes), 'recalibrated': {}, 'fit': []}
+
+
+def row(case, said, cpu_s=1.0):
+    return laboratory.row(case, {'cpu_s': cpu_s, 'answer': said}, study.truth(case))
 
 
 def test_cases_plant_what_the_registry_knows():
@@ -66,22 +70,21 @@ def test_right_is_the_planted_term_alone_or_at_the_head(case, said, right):
 def test_a_row_sets_what_was_found_beside_what_was_planted():
     drift = cause('force_drift', applies_to={'pads': ['pad_b']},
                  rate_N_min=([0.38, 0.29, 0.0], [0.30, 0.21, -0.1], [0.46, 0.37, 0.1]))
-    one = study.row(BY_NAME['drift_b'], {'cpu_s': 3.0, 'answer': answer('named', drift)})
+    one = row(BY_NAME['drift_b'], answer('named', drift), 3.0)
     assert (one['parameter'], one['true'], one['found']) == ('rate_N_min x', 0.4, 0.38)
     assert (one['low'], one['high']) == (0.30, 0.46)
     assert one['right'] and one['place_right'] and one['intervals_hold']
     drift['applies_to'] = {'pads': []}
     drift['parameters']['rate_N_min']['interval_90'][0][1] = 0.31
-    one = study.row(BY_NAME['drift_b'], {'cpu_s': 3.0, 'answer': answer('named', drift)})
+    one = row(BY_NAME['drift_b'], answer('named', drift), 3.0)
     assert not one['place_right'] and not one['intervals_hold']
 
 
 def test_rows_have_the_same_columns_and_a_line_each_in_the_readme():
-    rows = [study.row(case, {'cpu_s': 1.0, 'answer': answer('nothing_missing')})
-            for case in CASES]
-    rows.append(study.row(CASES[0], {'cpu_s': 1.0, 'answer': {'error': 'no state'}}))
+    rows = [row(case, answer('nothing_missing')) for case in CASES]
+    rows.append(row(CASES[0], {'error': 'no state'}))
     assert len({tuple(one) for one in rows}) == 1
-    lines = study.markdown(json.loads(json.dumps({'rows': rows}))).splitlines()
+    lines = laboratory.markdown(json.loads(json.dumps({'rows': rows}))).splitlines()
     assert len(lines) == len(rows) + 2
     assert len({line.count('|') for line in lines}) == 1
 
@@ -114,12 +117,12 @@ def test_a_study_goes_on_where_it_was(rays, tmp_path, monkeypatch):
         save(tmp_path / 'states' / f'fine_{name}.npz', vars(ray))
     asked = []
 
-    def diagnosed(bag, scene, page):
+    def diagnosed(bag, scene, page, seed):
         asked.append(load_evidence((bag,), load_scene(scene))[0].name)
         return answer('nothing_missing')
 
-    monkeypatch.setattr(study, '_diagnosed', diagnosed)
-    monkeypatch.setattr(study, 'hasty_pool', lambda jobs: ThreadPoolExecutor(1))
+    monkeypatch.setattr(laboratory, '_diagnosed', diagnosed)
+    monkeypatch.setattr(laboratory, 'hasty_pool', lambda jobs: ThreadPoolExecutor(1))
     gain = BY_NAME['gain_b']
     two = (BY_NAME['poor_null'], replace(gain, setup=replace(gain.setup, poor=True)))
     for cases in (two[:1], two, two):
