@@ -27,7 +27,8 @@ ALLOWED = {
     'nodes': {*NUMERICAL, 'scenario', 'provenance', 'graph', 'cell', 'diagnosis'},
 }
 
-# Each heavy package, and ROS, has its home; the generator of the trial has a solver of its own.
+# Each heavy package, and ROS, has its home; the generators of the trial and of a laboratory have
+# solvers of their own.
 HOMES = {
     'rclpy': {'nodes'},
     'arm_brachy_msgs': {'nodes'},
@@ -37,7 +38,7 @@ HOMES = {
     'mcap_ros2': {'recording'},
     'rosbags': {'recording'},
     'ezc3d': {'recording'},
-    'pypardiso': {'tissue', 'prove'},
+    'pypardiso': {'tissue', 'prove', 'experiments'},
 }
 
 TREES = {path: ast.parse(path.read_text(encoding='utf-8')) for path in PACKAGE.rglob('*.py')}

@@ -18,8 +18,10 @@ from arm_brachy.experiments import (
 )
 from arm_brachy.experiments.dome_faults import study as dome_faults
 from arm_brachy.experiments.gel_block import study as gel_block
+from arm_brachy.experiments.half_cylinder import study as half_cylinder
 
 EXPERIMENTS = {module.NAME: module.reproduce
                for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig,
                              element_accuracy, reduced_model, diagnosis_study,
-                             diagnosis_laboratories, dome_faults, gel_block, node_errors)}
+                             diagnosis_laboratories, dome_faults, gel_block, half_cylinder,
+                             node_errors)}

@@ -21,12 +21,13 @@ from arm_brachy.experiments.told import errors, interval, sized, three, told, ve
 from arm_brachy.recording.import_csv import import_csv
 
 
-def answered(name, seed, cases, folder, answer_one, truth):
+def answered(name, seed, cases, folder, answer_one, *, truth=None, beside=()):
     """Answer what `folder` lacks, a process per core; returns evaluation.result.Result.
 
     name, seed : of the experiment;  folder : its answers/ keeps JSON and a page per case
     answer_one : (case, folder), of a module: has `answer` leave what it says of a case
-    truth : case -> parameters that an answer should find
+    truth : case -> parameters that an answer should find;  None = those of the case
+    beside : as `told` takes it
     """
     (folder / 'answers').mkdir(exist_ok=True)
     lacking = [case for case in cases if not _answer_file(folder, case).is_file()]
@@ -34,7 +35,7 @@ def answered(name, seed, cases, folder, answer_one, truth):
         for case, _ in zip(lacking, pool.map(answer_one, lacking, repeat(folder)), strict=True):
             print(f'{name}: {case.name}', file=sys.stderr, flush=True)
     rows = tuple(row(case, json.loads(_answer_file(folder, case).read_text(encoding='utf-8')),
-                     truth(case)) for case in cases)
+                     None if truth is None else truth(case), beside=beside) for case in cases)
     return Result(name, seed, commit_of(share_dir()), str(machine_description()), rows)
 
 
@@ -61,14 +62,14 @@ def _diagnosed(bag, scene, page, seed):
                      seed=seed)
 
 
-def row(case, line, truth):
+def row(case, line, truth=None, *, beside=()):
     """One row of the table, flat, from a case and what `answer` left; None = not said.
 
-    truth : parameters that an answer should find, as `told` takes them
+    truth, beside : as `told` takes them
     """
     said = line['answer']
-    return {'case': case.name, **told(case, said, truth), **_modulus(case, said), **errors(said),
-            'cpu_s': line['cpu_s']}
+    return {'case': case.name, **told(case, said, truth, beside=beside),
+            **_modulus(case, said), **errors(said), 'cpu_s': line['cpu_s']}
 
 
 def _modulus(case, said):

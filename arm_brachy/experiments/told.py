@@ -5,7 +5,9 @@ An answer is a diagnosis.Diagnosis as JSON holds it, or {'error': text}. A case 
 them, the first is shown) and `place` (fields of the term that select, as in an answer). Right is
 the planted term named alone, or at the head of a class; where nothing was planted,
 `nothing_missing`. What the registry has no term for has the term OUTSIDE: right is `unexplained`
-without a cause, `place` is then of statements.Place and `truth` has at most the onset.
+without a cause, `place` is then of statements.Place and `truth` has at most the onset. Where a
+laboratory leaves clocks or frames off by more than others do, to say so is never wrong: `beside`
+has the terms that it amounts to.
 """
 
 import numpy as np
@@ -19,15 +21,16 @@ ONSET = 'onset_s'
 ERRORS = ('as_given', 'recalibrated', 'with_the_causes', 'noise_floor')
 
 
-def told(case, answer, truth=None):
+def told(case, answer, truth=None, *, beside=()):
     """Columns of a row: what was planted, what was said, and where and how large.
 
     truth : where it is not all that the case has;  None = that of the case
+    beside : terms that may be named besides, see the head of this file
     """
     cause = _cause(case, answer)
     place = None if cause is None or not case.place else cause['applies_to'] == case.place
     outside = case.term == OUTSIDE and 'where' in answer
-    return {'planted': case.term or '-', 'right': right(case, answer),
+    return {'planted': case.term or '-', 'right': right(case, answer, beside),
             'verdict': answer.get('verdict', 'none'), 'said': _said(answer),
             'place_right': _there(case.place, answer) if outside and case.place else place,
             **_parameter(case.truth if truth is None else truth,
@@ -47,14 +50,15 @@ def _onset(answer):
         ONSET: {'value': sum(first) / 2.0, 'interval_90': first}}}
 
 
-def right(case, answer):
+def right(case, answer, beside=()):
     """Whether an answer (as JSON) says what was planted in a Case, see the head of this file."""
     verdict = answer.get('verdict')
-    if case.term is None:
-        return verdict == 'nothing_missing'
-    if case.term == OUTSIDE:
-        return verdict == 'unexplained' and not _leading(answer)
-    return verdict in ('named', 'equivalent') and _leading(answer) == {case.term}
+    if verdict in (None, 'nothing_missing'):
+        return verdict is not None and case.term is None
+    claimed = _leading(answer) - set(beside)
+    if verdict == 'unexplained':
+        return case.term == OUTSIDE and not claimed
+    return claimed == {case.term} or (bool(beside) and case.term is None and not claimed)
 
 
 def _leading(answer):

@@ -31,7 +31,7 @@ def reproduce(out_dir, folder=None, cases=CASES):
     """
     folder = run_dir() / NAME if folder is None else Path(folder)
     solve_all(folder / 'states', {case.body for case in cases})
-    result = answered(NAME, SEED, cases, folder, answer_one, truth)
+    result = answered(NAME, SEED, cases, folder, answer_one, truth=truth)
     result.to_json(Path(out_dir) / f'{NAME}.json')
     return result
 
