@@ -3,6 +3,8 @@
 Matrices are factorised by MKL as pypardiso calls it. An equilibrium is checked by its forces.
 """
 
+import weakref
+
 import numpy as np
 from pypardiso import PyPardisoSolver
 from scipy.sparse import csr_matrix
@@ -94,6 +96,7 @@ class _Matrix:
         starts = np.searchsorted(unique, np.arange(len(free) + 1) * len(free))
         self._upper = csr_matrix((np.zeros(len(unique)), unique % len(free), starts))
         self._solver = PyPardisoSolver(mtype=INDEFINITE)
+        weakref.finalize(self, self._solver.free_memory, everything=True)   # MKL's, not Python's
 
     def solve(self, tangents, right):
         """Solution (f,) with elements' matrices (m, d, d), in the order of `blocks`."""

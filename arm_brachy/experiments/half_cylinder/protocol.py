@@ -1,4 +1,4 @@
-"""What the pads do in every recording: ten pushes, 99 s, with rounded corners."""
+"""What the pads do in every recording: ten pushes, 98 s, with rounded corners."""
 
 from dataclasses import dataclass
 

@@ -107,7 +107,7 @@ def test_memory_is_added_and_the_modulus_is_of_all_forces(recorded, plain):
 
 
 def test_what_yields_does_so_whatever_the_rate():
-    """Loop: up, down by the same way; area = 4 times what lies between for every element."""
+    """There and back, at one rate and at a third of it: as much behind at both ends."""
     most = sum(where * share for where, share in recorder.YIELDS)
     up = np.linspace(0.0, 2.0, 400)
     for force in (np.concatenate([up, up[::-1]]), np.repeat(np.concatenate([up, up[::-1]]), 3)):

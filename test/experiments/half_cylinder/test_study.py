@@ -13,7 +13,7 @@ from arm_brachy.experiments.diagnosis_cases import save
 from arm_brachy.experiments.half_cylinder import recorder, study
 from arm_brachy.experiments.half_cylinder.bodies import BODIES, PLAIN, REMEMBERING
 from arm_brachy.experiments.half_cylinder.cases import BESIDE, CASES
-from arm_brachy.experiments.half_cylinder.layout import LENGTH, MARKERS, MM, PADS, RADIUS
+from arm_brachy.experiments.half_cylinder.layout import LENGTH, MM, PADS, RADIUS
 from arm_brachy.experiments.half_cylinder.scene import write_scene
 from arm_brachy.registry import by_name
 from arm_brachy.tissue.build import build_body
@@ -137,4 +137,3 @@ def test_the_scene_is_the_half_cylinder_with_its_pads(tmp_path):
     for pad, built in zip(PADS, body.pads, strict=True):
         away = np.linalg.norm(nodes[built.nodes] - pad.centre, axis=1)
         assert len(away) > 10 and 8 * MM < away.max() < 9.5 * MM
-    assert len(MARKERS) == 9
