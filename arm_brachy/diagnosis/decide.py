@@ -262,6 +262,17 @@ class Judge:
             return Decision('unexplained', None, (), ranked, left, before, tried)
         return Decision('equivalent' if equals else 'named', tried, equals, ranked, left, before)
 
+    def outstanding(self):
+        """(Candidate, adequacy.Scan of what it leaves): the single cause that is far ahead of all
+        others by its response, weighed; None where there is none.
+        """
+        ranked = self.singles()
+        ahead = ranked[0].evidence - max((one.evidence for one in ranked[1:2]), default=0.0)
+        if ranked[0].evidence < self.rules.promising or ahead < self.rules.certain:
+            return None
+        first = self._weighed(ranked[0])
+        return first, self._check(first)
+
     def _alone(self, ranked, before):
         """The single cause to go on with, None if none; what it leaves; causes told from it.
 

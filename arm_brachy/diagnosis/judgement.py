@@ -40,22 +40,22 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
     tests : Matched, held out: what is found of mesh and noise holds for them as well
     limit : mesh_errors.Limit of their body, None = not known
     sound : number of null recordings, last of `matched`;  accuracy : model_error.Accuracy
-    What nothing explains is judged anew with noise as loud as it may be.
+    What nothing explains, or is left by a cause far ahead of all others, is judged anew with noise
+    as loud as it may be.
     """
-    def judge():
+    def judge(matched):
         assembly = assemble(matched, tried, sound)
         fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy)
         return assembly, fits, Judge(assembly.problem, stream(seed, 'decision'), check=fits.check,
-                                   gone=fits.gone, weigh=fits.gain,
-                                   beyond=fits.beyond)
+                                     gone=fits.gone, weigh=fits.gain, beyond=fits.beyond)
 
-    assembly, fits, one = judge()
+    assembly, fits, one = judge(matched)
     moved = {}
     while more := reglued(matched, one):
         moved |= more
         matched, tests = ([with_places_apart(m, sum(more.values(), [])) for m in some]
                           for some in (matched, tests))
-        assembly, fits, one = judge()
+        assembly, fits, one = judge(matched)
     fault, notes = mesh_fault(matched, one.singles()[0].evidence), said_of_places(moved)
     if fault is not None and not fault.material:
         fault, notes = None, (*notes, fault.note)
@@ -67,13 +67,32 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
         matched, tests = finer, [test.at_limit(limit) for test in tests]
         notes = (*notes, said_of_limit(finer))
     if fault is not None or finer is not None:
-        assembly, fits, one = judge()
-    decision = one.decide()
-    strange = decision.verdict == 'unexplained' and decision.unproven is None
-    factors = louder(assembly, decision) if strange else {}
+        assembly, fits, one = judge(matched)
+    factors = _noise_beside(assembly, one, lambda loud: judge(_louder(matched, loud))[2])
+    decision = one.decide() if not factors else None
+    if decision is not None and decision.verdict == 'unexplained' and decision.unproven is None:
+        factors = louder(assembly, [e for c in decision.ranked[:1] for e in c.explanations])
     if factors:
-        for every in (*matched, *tests):
-            every.louder(factors)
-        assembly, fits, one = judge()
+        matched, tests = _louder(matched, factors), _louder(tests, factors)
+        assembly, fits, one = judge(matched)
         decision, notes = one.decide(), (*notes, *said(factors))
     return Judgement(assembly, fits, decision, tuple(tests), fault, notes, finer is not None)
+
+
+def _louder(matched, factors):
+    return [one.louder(factors) for one in matched]
+
+
+def _noise_beside(assembly, judge, again):
+    """`louder` factors of the noise beside which one cause, far ahead, leaves nothing; else {}.
+
+    judge : decide.Judge of an assembly.Assembly;  again : factors -> Judge with noise as loud
+    What it leaves without them would be put down to a second cause, or to nothing that is known,
+    after all others have been fitted in full.
+    """
+    first = judge.outstanding()
+    if first is None or first[1].chance >= judge.rules.alarm:
+        return {}
+    factors = louder(assembly, first[0].explanations)
+    then = again(factors).outstanding() if factors else None
+    return factors if then is not None and then[1].chance >= judge.rules.alarm else {}

@@ -19,16 +19,15 @@ from arm_brachy.diagnosis.words import STREAMS
 LEAST = 1.05        # times the variance: less changes no verdict
 
 
-def louder(assembly, decision):
+def louder(assembly, explanations):
     """kind -> factor of the variance that the noise of a stream may have, where it seems louder.
 
-    decision : decide.Decision. It seems louder by what nuisances and its best candidate leave; the
+    explanations : decide.Explanation each. It seems louder by what nuisances and they leave; the
     factor is what is in doubt (`noise.Noise.doubt`), for something strange has to stand out from
     all noise that there may be. Null recordings show noise alone: beside them no doubt counts but
     theirs.
     """
-    best = decision.ranked[0].explanations if decision.ranked else ()
-    left = left_over(assembly, best)
+    left = left_over(assembly, explanations)
     ends = np.cumsum([len(m.observables.rows) for m in assembly.matched])[:-1]
     steps = [_steps(m, part) for m, part in zip(assembly.matched, np.split(left, ends),
                                                 strict=True)]

@@ -63,15 +63,14 @@ class Matched:
                        finer=limit.along(self.baseline))
 
     def louder(self, factors):
-        """Multiply the variance of streams, kind -> factor, as far as their noise is in doubt.
+        """The Matched with the variance of streams, kind -> factor, as far as noise is in doubt.
 
         What is added lasts for SLOW: longer than the rests that did not show it.
         """
         noise, t = self.recorded.prepared.noise, self.recorded.states.t
-        self.observables = self.observables.louder({
+        return replace(self, observables=self.observables.louder({
             kind: min(factor, noise[kind].doubt) for kind, factor in factors.items()
-            if kind in noise}, np.exp(-np.abs(t[:, None] - t) / SLOW))
-        self.__post_init__()
+            if kind in noise}, np.exp(-np.abs(t[:, None] - t) / SLOW)))
 
     @property
     def own(self):

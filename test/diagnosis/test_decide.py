@@ -210,6 +210,17 @@ def test_what_predicts_better_is_in_the_class_however_many_numbers_it_takes():
                                   *(one.causes[0] for one in decision.equals)}
 
 
+def test_one_cause_that_is_far_ahead_is_told_with_what_it_leaves(world):
+    """Not one of two that do as well, nor where nothing was planted."""
+    first, left = world.judge(3.0 * world.responses[2]).outstanding()
+    assert first.causes == ('cause_2',) and left.chance > 1e-3
+    both = world.judge(3.0 * world.responses[2] + 3.0 * world.stranger).outstanding()
+    assert both is None or both[1].chance < 1e-3
+    twin = Explanation('twin', '', 3.0 * world.responses[2][:, None])
+    assert world.judge(3.0 * world.responses[2], twin).outstanding() is None
+    assert world.judge(0.0).outstanding() is None
+
+
 def test_nulls_are_left_alone():
     """60 recordings in which nothing is missing: no claim; at 8 nats chance allows e^-8 each."""
     verdicts = [World(100 + seed).decide(0.0).verdict for seed in range(60)]

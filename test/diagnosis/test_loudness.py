@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.random import stream
-from arm_brachy.diagnosis import loudness
+from arm_brachy.diagnosis import judgement, loudness
 from arm_brachy.diagnosis.colour import MEDIAN_CHI2
 from arm_brachy.diagnosis.observables import Row
 from arm_brachy.diagnosis.stream import EM, OPTICAL
@@ -28,12 +28,11 @@ def recording(doubt):
 
 
 def made(residual, *doubts, sound=0):
-    """(assembly, decision) of a recording per doubt, without nuisances or candidates."""
+    """(assembly, explanations) of a recording per doubt, without nuisances or candidates."""
     matched = [recording(doubt) for doubt in doubts]
     residual = np.tile(residual, len(doubts))
     problem = SimpleNamespace(U=np.zeros((len(residual), 1)), r=residual)
-    return (SimpleNamespace(matched=matched, problem=problem, sound=sound),
-            SimpleNamespace(ranked=()))
+    return SimpleNamespace(matched=matched, problem=problem, sound=sound), ()
 
 
 @pytest.fixture
@@ -72,3 +71,28 @@ def test_how_loud_noise_may_be_a_null_recording_tells(white):
     """A creep, say, in the recording under suspicion seems to be noise between its rests."""
     assert loudness.louder(*made(3.0 * white, 3.0, 1.0, sound=1)) == {}
     assert loudness.louder(*made(3.0 * white, 1.0, 2.0, sound=1)) == {EM: 2.0, OPTICAL: 2.0}
+
+
+def judged_by(evidence, chance):
+    """What `_noise_beside` asks of a Judge whose first cause leaves what has that chance."""
+    first = None if evidence is None else (SimpleNamespace(explanations=()),
+                                           SimpleNamespace(chance=chance))
+    return SimpleNamespace(outstanding=lambda: first, rules=SimpleNamespace(alarm=1e-3))
+
+
+@pytest.mark.parametrize(('evidence', 'chance', 'beside', 'expected'), [
+    (99.0, 1e-9, 0.2, {EM: 2.5}),       # what it leaves is no more than noise may be
+    (99.0, 1e-9, 1e-7, {}),             # it is: something else is there as well
+    (99.0, 0.2, 0.9, {}),               # it leaves nothing
+    (None, None, 0.2, {})])             # no cause is far ahead
+def test_noise_is_asked_before_a_second_cause(white, evidence, chance, beside, expected):
+    loud = np.where(np.arange(N) < N // 2, np.sqrt(2.0), 1.0) * white
+    assembly, _ = made(QUIET * loud, 2.5)
+    found = judgement._noise_beside(assembly, judged_by(evidence, chance),
+                                    lambda factors: judged_by(99.0, beside))
+    assert found == expected
+
+
+def test_where_no_stream_seems_louder_nothing_is_asked_again(white):
+    assembly, _ = made(QUIET * white, 2.5)
+    assert judgement._noise_beside(assembly, judged_by(99.0, 1e-9), None) == {}
