@@ -70,7 +70,7 @@ def _jumps(stream, noise, k, columns, alarm, slack):
         ramp = _kink(stream.t, y, columns, valid, colour, sd)
         nuisance = np.column_stack([nuisance, ramp])
         found = steps(stream.t, y, valid, colour, sd, nuisance, alarm=alarm)
-        found = steadfast(found, stream.t, y, valid, sd, nuisance, alarm=alarm)
+        found = steadfast(found, stream.t, y, valid, noise.sd[k], nuisance, alarm=alarm)
     return [Jump(stream.kind, stream.names[k], stream.bodies[k], step,
                  sigma(step.size, step.sd, np.hypot(bend, slack))) for step in joined(found)]
 

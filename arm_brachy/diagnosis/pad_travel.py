@@ -183,7 +183,7 @@ def _explained(t, moved, valid, travel, force, known, alarm):
         colour, sd = residual_colour(t, full.residual, valid, *known)
         slow = np.stack(list((drift_columns(t) | causes).values()), axis=1)
         jumps = steps(t, y, valid, colour, sd, slow, alarm=alarm)
-        jumps = steadfast(jumps, t, y, valid, sd, slow, alarm=alarm)
+        jumps = steadfast(jumps, t, y, valid, np.full(3, known[1]), slow, alarm=alarm)
         late, error = (float(x[0]) for x in full.of(DELAY))
         if again and abs(late) > LATE * error:
             delay += late

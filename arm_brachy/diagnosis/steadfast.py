@@ -12,10 +12,11 @@ from arm_brachy.diagnosis.restricted import restricted_colour
 NOTHING = 1e-3   # of a sensor's noise: less is none
 
 
-def steadfast(found, t, y, valid, sd, nuisance, *, alarm):
+def steadfast(found, t, y, valid, least, nuisance, *, alarm):
     """Steps, of those found, that are as unlikely in noise as slow as it is beside themselves.
 
-    found : changes.Step each;  others as of `changes.steps`;  returns a tuple
+    found : changes.Step each;  least : (c,) standard deviations of the noise in rests, which no
+        noise is below;  others as of `changes.steps`;  returns a tuple
     A step that noise alone made takes some of its slow part away: those that are left are asked
     again until all of them stay.
     Test: diagnosis/structural/test_restricted.py
@@ -23,8 +24,9 @@ def steadfast(found, t, y, valid, sd, nuisance, *, alarm):
     plain = np.column_stack([np.ones(len(t)), nuisance])
     while found:
         there = np.stack([t >= one.t for one in found], axis=1).astype(float)
-        colour, slow = restricted_colour(t, y, valid, np.hstack([plain, there]), NOTHING * sd)
-        again = steps(t, y, valid, colour, np.maximum(slow, sd), nuisance, alarm=alarm)
+        colour, slow = restricted_colour(t, y, valid, np.hstack([plain, there]),
+                                         NOTHING * least)
+        again = steps(t, y, valid, colour, np.maximum(slow, least), nuisance, alarm=alarm)
         kept = [one for one in again
                 if any(f.low - PARTS <= one.t <= f.high + PARTS for f in found)]
         if len(kept) >= len(found):
