@@ -284,7 +284,7 @@ class RecordingFit:
 def _slope(change, z, ends):
     """kind -> (n, c, 3) slope of `change` between two ends (k,); z in the place of a refused one.
 
-    Raises NotConverged where the mesh refuses both.
+    Raises NotConverged where the mesh refuses both, or the one that is not z.
     """
     found, refused = [], None
     for end in ends:
@@ -292,7 +292,7 @@ def _slope(change, z, ends):
             found.append((end, change(end)))
         except MeshError as error:
             refused = error
-    if not found:
+    if refused is not None and all(np.array_equal(end, z) for end, _ in found):
         raise NotConverged(f'no derivative beside a model that the mesh refuses: {refused}')
     if refused is not None:
         found.append((z, change(z)))

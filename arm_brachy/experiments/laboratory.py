@@ -1,13 +1,13 @@
 """What studies of another laboratory's recordings share: import, diagnosis, rows and their table.
 
-A case is anything that `told` takes, with `name` and `modulus_kPa` besides. Answers are kept in
-a folder, so that a study that was ended goes on where it was.
+Answers are kept in a folder, so that a study that was ended goes on where it was.
 Test: experiments/gel_block/test_study.py, experiments/half_cylinder/test_study.py
 """
 
 import json
 import sys
 import tempfile
+from dataclasses import dataclass, field
 from itertools import repeat
 from pathlib import Path
 
@@ -17,8 +17,28 @@ from arm_brachy.diagnosis.evidence import load_evidence
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.experiments.answers import diagnosed, keep
 from arm_brachy.experiments.diagnosis_cases import hasty_pool
+from arm_brachy.experiments.ray import PLAIN
 from arm_brachy.experiments.told import errors, interval, sized, three, told, verdict
 from arm_brachy.recording.import_csv import import_csv
+
+
+@dataclass(frozen=True)
+class Case:
+    """One recording; a laboratory's own adds `modulus_kPa`, the Young's modulus that is true.
+
+    name : of the case;  setup : what its recorder takes;  body : of the laboratory's bodies
+    term : of the registry that it amounts to, told.OUTSIDE, None = nothing is missing
+    truth : parameters of the term as an answer spells them, in its units; the first is shown.
+        Left out: what the term does not have, as the radius of a straight edge
+    place : fields of the term that select, as in an answer
+    """
+
+    name: str
+    setup: object
+    body: str = PLAIN
+    term: str | None = None
+    truth: dict = field(default_factory=dict)
+    place: dict = field(default_factory=dict)
 
 
 def answered(name, seed, cases, folder, answer_one, *, truth=None, beside=()):

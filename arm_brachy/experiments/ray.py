@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+PLAIN = 'plain'     # the body of a laboratory with nothing that its scene does not say
+
 
 @dataclass(frozen=True)
 class Ray:

@@ -23,7 +23,7 @@ from arm_brachy.experiments.gel_block.layout import (
     TARGETS,
     E,
 )
-from arm_brachy.experiments.ray import Ray
+from arm_brachy.experiments.ray import PLAIN, Ray
 
 SHORT = 0.92        # of pad_b's travel, where its actuator falls short
 # Travel of both pads [m] at the end of a ray.
@@ -31,7 +31,7 @@ RAYS = {'A': (10 * MM, 0.0), 'B': (0.0, 9 * MM), 'AB': (9 * MM, 8 * MM),
         'AB_short': (9 * MM, SHORT * 8 * MM)}
 # Of a ray, solved besides rest: longer steps fail at the pads' edges and are taken in halves.
 SHARES = tuple(np.arange(1, 7) / 6)
-PLAIN, FINE = 'plain', 'fine'           # on coarse bricks, and on fine ones
+FINE = 'fine'           # on fine bricks; PLAIN is on coarse ones
 
 
 def _planes(*lines_mm):

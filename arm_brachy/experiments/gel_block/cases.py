@@ -1,32 +1,16 @@
 """What was planted in each of the laboratory's recordings, and what of it an answer should say."""
 
-from dataclasses import dataclass, field
-
+from arm_brachy.experiments import laboratory
 from arm_brachy.experiments.csv_files import FORCES, OPTICAL
-from arm_brachy.experiments.gel_block.bodies import PLAIN, SHORT, SLOPE, STIFFENING
+from arm_brachy.experiments.gel_block.bodies import SHORT, SLOPE, STIFFENING
 from arm_brachy.experiments.gel_block.layout import MM, SIZE, E
 from arm_brachy.experiments.gel_block.recorder import Setup
 
 HIGH, LOW = 1.15, 1 / 1.15      # modulus over the scene's: nobody's fault, and recalibrated
 
 
-@dataclass(frozen=True)
-class Case:
-    """One recording.
-
-    name : of the case;  setup : recorder.Setup;  body : of bodies.BODIES
-    term : of the registry that it amounts to, None = nothing is missing
-    truth : parameters of the term as an answer spells them, in its units; the first is shown.
-        Left out: what the term does not have, as the radius of a straight edge
-    place : fields of the term that select, as in an answer
-    """
-
-    name: str
-    setup: Setup
-    body: str = PLAIN
-    term: str | None = None
-    truth: dict = field(default_factory=dict)
-    place: dict = field(default_factory=dict)
+class Case(laboratory.Case):
+    """One recording of the laboratory."""
 
     @property
     def modulus_kPa(self):

@@ -19,12 +19,12 @@ from arm_brachy.experiments.half_cylinder.layout import DIRECTIONS, MM, NU, PADS
 from arm_brachy.experiments.half_cylinder.memory import Memory
 from arm_brachy.experiments.half_cylinder.mesh import aside, load_mesh
 from arm_brachy.experiments.half_cylinder.protocol import RAYS, instants, response, travel
-from arm_brachy.experiments.ray import Ray
+from arm_brachy.experiments.ray import PLAIN, Ray
 
 SHARES = tuple(np.arange(1, 7) / 6)     # of a ray, solved besides rest
 RATIO = 3.0                             # of the lump's modulus to the gel's
 ASIDE = ('right', 2.5 * MM)             # a pad, and how far along x it sits from its place
-PLAIN, REMEMBERING = 'plain', 'remembering'
+REMEMBERING = 'remembering'
 
 
 def under_the_edge(points):

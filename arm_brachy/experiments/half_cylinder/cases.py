@@ -1,8 +1,7 @@
 """What was planted in each of the laboratory's recordings, and what of it an answer should say."""
 
-from dataclasses import dataclass, field
-
-from arm_brachy.experiments.half_cylinder.bodies import ASIDE, PLAIN, RATIO, REMEMBERING
+from arm_brachy.experiments import laboratory
+from arm_brachy.experiments.half_cylinder.bodies import ASIDE, RATIO, REMEMBERING
 from arm_brachy.experiments.half_cylinder.layout import MM, E
 from arm_brachy.experiments.half_cylinder.memory import SHARE, TAU
 from arm_brachy.experiments.half_cylinder.mesh import LUMP
@@ -10,21 +9,8 @@ from arm_brachy.experiments.half_cylinder.recorder import Setup
 from arm_brachy.experiments.told import ONSET, OUTSIDE
 
 
-@dataclass(frozen=True)
-class Case:
-    """One recording.
-
-    name : of the case;  setup : recorder.Setup;  body : of bodies.BODIES or REMEMBERING
-    term : of the registry that it amounts to, told.OUTSIDE, None = nothing is missing
-    truth, place : as `told` takes them
-    """
-
-    name: str
-    setup: Setup
-    body: str = PLAIN
-    term: str | None = None
-    truth: dict = field(default_factory=dict)
-    place: dict = field(default_factory=dict)
+class Case(laboratory.Case):
+    """One recording of the laboratory."""
 
     @property
     def modulus_kPa(self):

@@ -11,6 +11,7 @@ from arm_brachy.devices.terms.actuator_gain import ActuatorGain
 from arm_brachy.devices.terms.backlash import Backlash
 from arm_brachy.devices.terms.force_gain import ForceGain
 from arm_brachy.devices.terms.optical_scale import OpticalScale
+from arm_brachy.diagnosis import recording_fit
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.candidates import surface_places
 from arm_brachy.diagnosis.fitted import FAINTER, possible_start
@@ -401,6 +402,19 @@ def test_where_the_mesh_refuses_one_end_of_a_difference_the_other_one_serves(rec
         np.testing.assert_allclose(one_sided[:, :2], central[:, :2], atol=1e-3)  # of some 100
         off = np.linalg.norm(one_sided[:, 2] - central[:, 2])
         assert 0.0 < off < 0.05 * np.linalg.norm(central[:, 2])     # of second order
+
+
+def test_at_a_limit_there_is_no_slope_where_the_mesh_refuses_the_other_end():
+    def change(z):
+        if z[0] > 0.0:
+            raise MeshError('off the surface')
+        return {kind: np.full((1, 1, 3), 2.0 * z[0]) for kind in KINDS}
+
+    z, step = np.zeros(1), np.ones(1)
+    with pytest.raises(NotConverged, match='off the surface'):
+        recording_fit._slope(change, z, (z, z + step))      # z is its lower limit
+    slope = recording_fit._slope(change, z, (z - step, z + step))
+    assert slope['force'] == pytest.approx(2.0)
 
 
 def test_what_finer_elements_add_is_added(record, given):
