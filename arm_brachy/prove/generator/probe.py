@@ -3,7 +3,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from arm_brachy.prove.generator.elements import BARYCENTRIC, shapes, slopes
+from arm_brachy.prove.generator.elements import shapes, slopes
+from arm_brachy.prove.generator.solver import NotSolved
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ def locate(points, x, tets):
     """`Probes` of `points` (k, 3) [m] in a body with nodes x (n, 3) and `tets` (m, 10).
 
     A point on the curved surface may lie a hair outside of all elements: then that counts which
-    it is least outside of.  Raises ValueError beyond 4 % of its height.
+    it is least outside of.  Raises NotSolved beyond 4 % of its height.
     """
     low, high = x[tets].min(1), x[tets].max(1)
     room = 0.2 * (high - low)
@@ -35,18 +36,24 @@ def locate(points, x, tets):
         inside = np.where(found, bary.min(1), -np.inf)
         best = int(np.argmax(inside))
         if inside[best] < -0.04:
-            raise ValueError(f'point {point} m is outside of the body')
+            raise NotSolved(f'point {point} m is outside of the mesh')
         nodes.append(tets[near[best]])
         weights.append(shapes(bary[best]))
     return Probes(np.array(nodes), np.array(weights))
 
 
 def invert(point, corners, steps=12):
-    """Barycentric coordinates (k, 4) of a point in curved elements with nodes (k, 10, 3)."""
+    """Barycentric coordinates (k, 4), of sum 1, of a point in curved elements (k, 10, 3).
+
+    Where they have not been found after `steps`, the point is not at them.
+    """
     bary = np.full((len(corners), 4), 0.25)
     for _ in range(steps):
         miss = point - np.einsum('ka,kai->ki', shapes(bary), corners)
         jac = np.einsum('kai,kaj->kij', corners, slopes(bary))
         step = np.linalg.solve(jac + 1e-12 * np.eye(3), miss[:, :, None])[:, :, 0]
-        bary = np.clip(bary + step @ BARYCENTRIC.T, -1, 2)
+        free = np.clip(bary[:, 1:] + step, -1, 2)
+        # The first follows: shapes of coordinates of another sum are at the point as well, and
+        # read values wrongly.
+        bary = np.column_stack([1 - free.sum(1), free])
     return bary
