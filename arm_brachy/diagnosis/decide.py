@@ -247,7 +247,7 @@ class Judge:
 
     def decide(self):
         """Return the Decision."""
-        before, ranked = self._scan(()), self.weighed_singles()
+        before, ranked = self._before(), self.weighed_singles()
         tried, left, refuted = self._alone(ranked, before)
         if before.chance >= self.rules.alarm and tried is None:
             return Decision('nothing_missing', None, (), ranked, before, before)
@@ -263,15 +263,23 @@ class Judge:
         return Decision('equivalent' if equals else 'named', tried, equals, ranked, left, before)
 
     def outstanding(self):
-        """(Candidate, adequacy.Scan of what it leaves): the single cause that is far ahead of all
-        others by its response, weighed; None where there is none.
+        """(Explanations, adequacy.Scan of what they leave): of the single cause that is far ahead
+        of all others by its response, weighed; () where none stands out; None where some do.
         """
         ranked = self.singles()
-        ahead = ranked[0].evidence - max((one.evidence for one in ranked[1:2]), default=0.0)
-        if ranked[0].evidence < self.rules.promising or ahead < self.rules.certain:
+        if not any(map(self._claims, ranked)):
+            return (), self._before()
+        if ranked[0].evidence - max((one.evidence for one in ranked[1:2]),
+                                    default=0.0) < self.rules.certain:
             return None
         first = self._weighed(ranked[0])
-        return first, self._check(first)
+        return first.explanations, self._check(first)
+
+    def _before(self):
+        """adequacy.Scan without any cause, made once."""
+        if () not in self._known:
+            self._known[()] = self._scan(())
+        return self._known[()]
 
     def _alone(self, ranked, before):
         """The single cause to go on with, None if none; what it leaves; causes told from it.

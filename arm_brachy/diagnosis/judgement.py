@@ -40,8 +40,8 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
     tests : Matched, held out: what is found of mesh and noise holds for them as well
     limit : mesh_errors.Limit of their body, None = not known
     sound : number of null recordings, last of `matched`;  accuracy : model_error.Accuracy
-    What nothing explains, or is left by a cause far ahead of all others, is judged anew with noise
-    as loud as it may be.
+    What nothing explains, or is left where no cause stands out or by one far ahead of all others,
+    is judged anew with noise as loud as it may be.
     """
     def judge(matched):
         assembly = assemble(matched, tried, sound)
@@ -84,15 +84,16 @@ def _louder(matched, factors):
 
 
 def _noise_beside(assembly, judge, again):
-    """`louder` factors of the noise beside which one cause, far ahead, leaves nothing; else {}.
+    """`louder` factors of the noise beside which nothing is left; else {}.
 
+    Nothing is left by one cause, far ahead, or by none, where none stands out.
     judge : decide.Judge of an assembly.Assembly;  again : factors -> Judge with noise as loud
-    What it leaves without them would be put down to a second cause, or to nothing that is known,
-    after all others have been fitted in full.
+    What is left without them would be put down to another cause, or to nothing that is known,
+    after all have been fitted in full.
     """
     first = judge.outstanding()
     if first is None or first[1].chance >= judge.rules.alarm:
         return {}
-    factors = louder(assembly, first[0].explanations)
+    factors = louder(assembly, first[0])
     then = again(factors).outstanding() if factors else None
     return factors if then is not None and then[1].chance >= judge.rules.alarm else {}

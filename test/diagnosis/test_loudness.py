@@ -73,26 +73,28 @@ def test_how_loud_noise_may_be_a_null_recording_tells(white):
     assert loudness.louder(*made(3.0 * white, 1.0, 2.0, sound=1)) == {EM: 2.0, OPTICAL: 2.0}
 
 
-def judged_by(evidence, chance):
-    """What `_noise_beside` asks of a Judge whose first cause leaves what has that chance."""
-    first = None if evidence is None else (SimpleNamespace(explanations=()),
-                                           SimpleNamespace(chance=chance))
+def judged_by(chance):
+    """What `_noise_beside` asks of a Judge whose first cause, or none, leaves what has that chance.
+
+    None = several causes stand out
+    """
+    first = None if chance is None else ((), SimpleNamespace(chance=chance))
     return SimpleNamespace(outstanding=lambda: first, rules=SimpleNamespace(alarm=1e-3))
 
 
-@pytest.mark.parametrize(('evidence', 'chance', 'beside', 'expected'), [
-    (99.0, 1e-9, 0.2, {EM: 2.5}),       # what it leaves is no more than noise may be
-    (99.0, 1e-9, 1e-7, {}),             # it is: something else is there as well
-    (99.0, 0.2, 0.9, {}),               # it leaves nothing
-    (None, None, 0.2, {})])             # no cause is far ahead
-def test_noise_is_asked_before_a_second_cause(white, evidence, chance, beside, expected):
+@pytest.mark.parametrize(('chance', 'beside', 'expected'), [
+    (1e-9, 0.2, {EM: 2.5}),       # what is left is no more than noise may be
+    (1e-9, 1e-7, {}),             # it is: something else is there as well
+    (0.2, 0.9, {}),               # nothing is left
+    (None, 0.2, {})])             # no cause is far ahead of others that stand out
+def test_noise_is_asked_before_a_second_cause(white, chance, beside, expected):
     loud = np.where(np.arange(N) < N // 2, np.sqrt(2.0), 1.0) * white
     assembly, _ = made(QUIET * loud, 2.5)
-    found = judgement._noise_beside(assembly, judged_by(evidence, chance),
-                                    lambda factors: judged_by(99.0, beside))
+    found = judgement._noise_beside(assembly, judged_by(chance),
+                                    lambda factors: judged_by(beside))
     assert found == expected
 
 
 def test_where_no_stream_seems_louder_nothing_is_asked_again(white):
     assembly, _ = made(QUIET * white, 2.5)
-    assert judgement._noise_beside(assembly, judged_by(99.0, 1e-9), None) == {}
+    assert judgement._noise_beside(assembly, judged_by(1e-9), None) == {}
