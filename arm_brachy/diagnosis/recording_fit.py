@@ -26,10 +26,12 @@ from arm_brachy.diagnosis.responses import (
 )
 from arm_brachy.diagnosis.slip import NEAR
 from arm_brachy.diagnosis.specimen import Specimen
+from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.registry import TERMS
 from arm_brachy.tissue.contact_pads import touches
 from arm_brachy.tissue.newton import NewtonOptions
+from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 
 STATICS = NewtonOptions(tolerance=1e-8)     # m: a hundredth of what any tracker averages to
 # Of what terms do to a recording, the part that their tangents may have wrong where they lead the
@@ -75,6 +77,28 @@ class Data:
         """Those of the terms, one per hypothesis, that act in this recording."""
         return tuple(term for i, term in enumerate(terms) if i not in self.absent)
 
+    def plain(self):
+        """The Baseline of the model as it is anyway."""
+        if self.baseline is not None:
+            return self.baseline
+        return Baseline(ForwardModel(self.specimen, self.terms, options=STATICS), self.encoder,
+                        self.t)
+
+    def modulus_apart(self, terms):
+        """(factor of the modulus, other terms) where that scales forces and moves nothing.
+
+        (1, terms) where it may do more. Equations of a body that nothing loads are homogeneous
+        in it, contact's layer too (`tissue.contact`); weight, springs and actuators that yield are
+        not, nor what other terms make of tissue and force sensors.
+        """
+        others = tuple(term for term in terms if not isinstance(term, StiffnessScale))
+        body = self.specimen.body
+        if (body.gravity.any() or body.nodal_force is not None or len(others) != len(terms) - 1
+                or any(term.stage not in (STAGES[OPTICAL], STAGES[EM])
+                       for term in (*self.terms, *others))):
+            return 1.0, terms
+        return next(term.factor for term in terms if isinstance(term, StiffnessScale)), others
+
     def residual(self, shown):
         """(N,) measured less what is shown, kind -> (n, c, 3), and finer elements add."""
         return self.observables.residual(shown) - self.observables.whiten_shift(self.finer)
@@ -104,7 +128,7 @@ class RecordingFit:
             self._last = data.baseline.model.equilibria
         terms = data.present(terms)
         if all(term.stage in STAGES.values() for term in terms):
-            self._still = self._plain()
+            self._still = data.plain()
             return
         whole = self.model(terms)
         if touches(whole.body).any():
@@ -113,7 +137,7 @@ class RecordingFit:
                 raise NotConverged('memories beside pads that touch ask for a run with contact '
                                    'at every step: it takes hours')
         elif whole.remembers:
-            self.beside, self.open, self._memories = self._plain(), (np.inf, 1.0), True
+            self.beside, self.open, self._memories = data.plain(), (np.inf, 1.0), True
         else:
             self._led_if_straight(whole, terms)
 
@@ -133,12 +157,6 @@ class RecordingFit:
         """Have all predictions be full runs from now on where tangents have too much wrong."""
         if self.open[0] > BENT**2 * self.open[1]:
             self.beside, self.open, self._added = None, (0.0, 0.0), {}
-
-    def _plain(self):
-        """The Baseline of the model without the terms."""
-        if self.data.baseline is not None:
-            return self.data.baseline
-        return Baseline(self.model(()), self.data.encoder, self.data.t)
 
     def model(self, terms):
         """The ForwardModel with terms besides the known ones."""
@@ -163,13 +181,15 @@ class RecordingFit:
 
     def _loosened(self, terms):
         """Prediction with pads that a term takes off their bonds, None where it is not found."""
-        others = _bonding(terms)
-        loose, = (term for term in terms if term not in others)
+        loose, = (term for term in terms if term not in _bonding(terms))
+        factor, others = self.data.modulus_apart(_bonding(terms))
         if self._bonded is None or self._bonded[0] != others:
-            self._bonded = others, Baseline(self.model(others), self.data.encoder, self.data.t)
+            self._bonded = others, self.data.plain() if not others else Baseline(
+                self.model(others), self.data.encoder, self.data.t)
         bonded = self._bonded[1]
         change = loosened_change(bonded, loose, NEAR)
         found = {kind: bonded.shown[kind] + change[kind] for kind in STAGES}
+        found[FORCE] = factor * found[FORCE]
         return found if all(np.isfinite(one).all() for one in found.values()) else None
 
     def correct(self, terms, shown):

@@ -56,64 +56,57 @@ FINDING = Walk(4e-3, 0.1, 1e-6)     # to find out what slips: 1 % of the effect 
                                     # quarter of the time (phantom of the study of terms)
 
 
-class Loosened:
-    """A baseline's body with a pad touching, condensed to the nodes under it.
+class Released:
+    """A baseline's body with the bonds of one pad gone and nothing in their place, condensed.
 
-    baseline : baseline.Baseline;  body : SoftBody of its model, one pad with a face
-    near : [m] as in `slip_change`;  close : [m] of contact's last Newton step
-    loose : (p,) True for these;  nodes : (k,)
-    Raises InputError for a pad that touches nothing along its direction, NotConverged where the
-    body without this pad is not stable.
+    baseline : baseline.Baseline;  contact : PadContact of its body, one pad with a face
+    near : [m] as in `slip_change`;  nodes : (k,) under the face
+    place : (n,) states whose compliance each takes;  compliances : of these, (3k, 3k) [m/N]
+    Raises NotConverged where the body without this pad is not stable.
     """
 
-    def __init__(self, baseline, body, near, close):
-        contact = PadContact(body)
-        self.baseline, self.loose = baseline, contact.touching
+    def __init__(self, baseline, contact, nodes, near):
+        self._baseline, self._nodes, self._loose = baseline, nodes, contact.touching
         self._solver, self._statics = contact.solver, contact.solver.statics
-        self.nodes, self._faces = _faces(contact)
-        self._known = {}
-        self._close = close
-        self._place = self._places(near)
-        self._clear, self._led = np.empty((len(self._place), len(self.nodes), 3)), {}
-        for place in np.unique(self._place):
-            self._clear[self._place == place], self._led[place] = self._without_contact(place)
-
-    def contact(self, i):
-        """The FaceContact about state i."""
-        return self._known[self._place[i]][1]
+        self._linear, self.compliances = {}, {}
+        self.place = self._places(near)
+        self._clear, self._led = np.empty((len(self.place), len(nodes), 3)), {}
+        for place in np.unique(self.place):
+            self._clear[self.place == place], self._led[place] = self._without_contact(place)
+        self._linear.clear()
 
     def untouched(self, i, pads):
         """Return y0 (k, 3) [m], where the nodes would be without contact, from state i.
 
         pads : (p, 3) [m]
         """
-        further = (pads - self.baseline.pads(i))[~self.loose]
-        return self._clear[i] + np.einsum('kabc,bc->ka', self._led[self._place[i]], further)
+        further = (pads - self._baseline.pads(i))[~self._loose]
+        return self._clear[i] + np.einsum('kabc,bc->ka', self._led[self.place[i]], further)
 
     def _without_contact(self, place):
         """((m, k, 3) [m] of the states of one place, (k, 3, b, 3) by the pads that are bonded).
 
         The bonds that are gone let the tissue follow; so do its nodes where pads go further.
         """
-        b, body, linear = self.baseline, self._solver.body, self._known[place][0]
-        held, states = _rows(held_nodes(body)), np.flatnonzero(self._place == place)
+        b, body, linear = self._baseline, self._solver.body, self._linear[place]
+        held, states = _rows(held_nodes(body)), np.flatnonzero(self.place == place)
         motion = np.zeros((linear.x.size, len(states)))
         for column, i in zip(motion.T, states, strict=True):
-            goal = moved_from_rest(body, b.pads(i)[~self.loose])
+            goal = moved_from_rest(body, b.pads(i)[~self._loose])
             column[held] = (goal - b.x(i)).ravel()[held]
         forces = np.stack([b.forces[i].ravel() for i in states], axis=1)
-        moved = linear.respond(motion, forces)[_rows(self.nodes)]
-        x = np.stack([b.x(i)[self.nodes] for i in states])
-        return x + moved.T.reshape(x.shape), linear.state_sensitivity()[self.nodes]
+        moved = linear.respond(motion, forces)[_rows(self._nodes)]
+        x = np.stack([b.x(i)[self._nodes] for i in states])
+        return x + moved.T.reshape(x.shape), linear.state_sensitivity()[self._nodes]
 
     def _places(self, near):
         """(n,) states whose compliance each takes: that loaded least with the loose pad near."""
-        pads = self.baseline.trajectory.pads[self.baseline.at]
+        pads = self._baseline.trajectory.pads[self._baseline.at]
         order = np.argsort(np.abs(pads).sum(axis=(1, 2)), kind='stable')
         place, last = np.full(len(pads), -1), None
         for i in order:
             if place[i] < 0:
-                away = np.linalg.norm((pads - pads[i])[:, self.loose], axis=2).max(axis=1)
+                away = np.linalg.norm((pads - pads[i])[:, self._loose], axis=2).max(axis=1)
                 last = i if self._stable(i) else last
                 place[(place < 0) & (away <= near)] = last
         return place
@@ -126,16 +119,46 @@ class Loosened:
         try:
             linear = Linearisation(
                 Equations(self._solver.body, self._solver.assembler.inner, self._statics.free),
-                self.baseline.x(i), self.baseline.fields[i], single=True)
+                self._baseline.x(i), self._baseline.fields[i], single=True)
         except NotConverged:
-            if not self._known:
+            if not self._linear:
                 raise
             return False
-        moves = _rows(np.flatnonzero(~np.isin(self.nodes, self._statics.free.held)))
-        compliance = np.zeros((3 * len(self.nodes), 3 * len(self.nodes)))
-        compliance[np.ix_(moves, moves)] = linear.compliance(_rows(self.nodes)[moves])
-        self._known[i] = linear, FaceContact(self._faces, compliance, self._close)
+        moves = _rows(np.flatnonzero(~np.isin(self._nodes, self._statics.free.held)))
+        compliance = np.zeros((3 * len(self._nodes), 3 * len(self._nodes)))
+        compliance[np.ix_(moves, moves)] = linear.compliance(_rows(self._nodes)[moves])
+        self._linear[i], self.compliances[i] = linear, compliance
         return True
+
+
+class Loosened:
+    """A baseline's body with a pad touching, condensed to the nodes under it.
+
+    baseline : baseline.Baseline;  body : SoftBody of its model, one pad with a face
+    near : [m] as in `slip_change`;  close : [m] of contact's last Newton step
+    loose : (p,) True for these;  nodes : (k,)
+    Raises InputError for a pad that touches nothing along its direction, and as Released, which
+    faces of any friction share.
+    """
+
+    def __init__(self, baseline, body, near, close):
+        contact = PadContact(body)
+        self.baseline, self.loose = baseline, contact.touching
+        self.nodes, faces = _faces(contact)
+        key = (Released, *np.flatnonzero(self.loose).tolist(), near)
+        if key not in baseline.loosened:
+            baseline.loosened[key] = Released(baseline, contact, self.nodes, near)
+        self._released = baseline.loosened[key]
+        self._contacts = {place: FaceContact(faces, compliance, close)
+                          for place, compliance in self._released.compliances.items()}
+
+    def contact(self, i):
+        """The FaceContact about state i."""
+        return self._contacts[self._released.place[i]]
+
+    def untouched(self, i, pads):
+        """As `Released.untouched`."""
+        return self._released.untouched(i, pads)
 
 
 def slip_change(baseline, body, near=np.inf, back=0.0):

@@ -25,11 +25,11 @@ def standing_back(data, terms, touch):
     loose = [(term, i) for term in terms if term.spec.name in LOOSENING
              for i in np.flatnonzero(touches(term.prepare(data.specimen.body)))]
     columns = np.zeros((len(data.observables.rows), len(loose)))
-    others = tuple(term for term in (*data.terms, *terms) if term.spec.name not in LOOSENING)
-    model = ForwardModel(data.specimen, others)
+    others = tuple(term for term in terms if term.spec.name not in LOOSENING)
+    model = ForwardModel(data.specimen, (*data.terms, *others))
     if not loose or model.remembers or model.timed:
         return columns
-    baseline = Baseline(model, data.encoder, data.t)
+    baseline = data.plain() if not others else Baseline(model, data.encoder, data.t)
     as_is = {id(term): loosened_change(baseline, term, NEAR) for term, _ in loose}
     for j, (term, i) in enumerate(loose):
         back = np.where(np.arange(len(data.specimen.pads)) == i, touch, 0.0)

@@ -74,7 +74,7 @@ def test_how_loud_noise_may_be_a_null_recording_tells(white):
 
 
 def judged_by(chance):
-    """What `_noise_beside` asks of a Judge whose first cause, or none, leaves what has that chance.
+    """What `_noise_beside` asks of a Judge: what its one cause, or none, leaves has that chance.
 
     None = several causes stand out
     """

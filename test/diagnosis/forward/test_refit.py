@@ -9,6 +9,7 @@ import pytest
 from arm_brachy.core.errors import InputError, MeshError, NotConverged
 from arm_brachy.devices.terms.actuator_gain import ActuatorGain
 from arm_brachy.devices.terms.backlash import Backlash
+from arm_brachy.devices.terms.em_offset import EmOffset
 from arm_brachy.devices.terms.force_gain import ForceGain
 from arm_brachy.devices.terms.optical_scale import OpticalScale
 from arm_brachy.diagnosis import recording_fit
@@ -23,8 +24,8 @@ from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.observables import KINDS, Measured, Observables, channels_of
 from arm_brachy.diagnosis.recording_fit import Data, RecordingFit
 from arm_brachy.diagnosis.refit import Options, refit
-from arm_brachy.diagnosis.responses import together
-from arm_brachy.diagnosis.slip import ACCURACY
+from arm_brachy.diagnosis.responses import loosened_change, together
+from arm_brachy.diagnosis.slip import ACCURACY, NEAR
 from arm_brachy.registry import by_name
 from arm_brachy.tissue.terms.base_debond import FADE, RIM, BaseDebond
 from arm_brachy.tissue.terms.external_force import ExternalForce
@@ -155,6 +156,30 @@ def test_friction_is_found_from_a_run_with_contact(quadratic, encoder):
         ForwardModel(quadratic), path, t))], 1.0, ACCURACY)[0]
     assert estimates['friction'].value == pytest.approx(0.3, rel=0.2)
     assert holds(estimates['friction'], 0.3, times=1.0) and found.after < found.before - 10.0
+
+
+def test_beside_a_loose_pad_the_modulus_scales_forces_and_moves_nothing(linear, encoder, record):
+    """As a body of that modulus, linearised and condensed by itself, says."""
+    path, t = replace(encoder, q=0.5 * encoder.q), STATES[:5]
+    terms = PadSlip(0.3, pads=('pad_1',)), StiffnessScale(1.4)
+    data = replace(record((), t=t), encoder=path)
+    shown = RecordingFit(data, terms).predicted(terms)[1]
+    bonded = Baseline(ForwardModel(linear, terms[1:]), path, t)
+    change = loosened_change(bonded, terms[0], NEAR)
+    for kind in KINDS:
+        largest = np.abs(change[kind]).max()
+        assert shown[kind] == pytest.approx(bonded.shown[kind] + change[kind],
+                                            abs=2e-3 * largest, rel=0.0)
+
+
+def test_the_modulus_is_left_with_what_has_forces_of_its_own(linear, record):
+    data, scale = record(()), StiffnessScale(1.4)
+    offset = EmOffset(offset=(1e-3, 0.0, 0.0))
+    assert data.modulus_apart((scale, offset)) == (1.4, (offset,))
+    for other in (ForceGain(1.1), Backlash(1e-4), LUMP):
+        assert data.modulus_apart((scale, other)) == (1.0, (scale, other))
+    heavy = replace(linear, body=replace(linear.body, gravity=np.array([0.0, 0.0, -9.81])))
+    assert replace(data, specimen=heavy).modulus_apart((scale,)) == (1.0, (scale,))
 
 
 def test_memory_beside_loose_pads_is_not_fitted(record):
