@@ -236,7 +236,7 @@ class Judge:
         self._weigh = weigh or (lambda candidate: None)
         self._beyond = beyond or (lambda candidate, explanations: np.inf)
         self._left = check or (lambda candidate: self._scan(candidate.explanations))
-        self._known = {}
+        self._known, self._one = {}, None
         self._all, self._without = _grams(problem)
         self._variants = {}
         for one in problem.explanations:
@@ -247,8 +247,7 @@ class Judge:
 
     def decide(self):
         """Return the Decision."""
-        before, ranked = self._before(), self.weighed_singles()
-        tried, left, refuted = self._alone(ranked, before)
+        before, ranked, tried, left, refuted = self._before(), *self._singly()
         if before.chance >= self.rules.alarm and tried is None:
             return Decision('nothing_missing', None, (), ranked, before, before)
         if tried is None or left.chance < self.rules.alarm:
@@ -274,6 +273,18 @@ class Judge:
             return None
         first = self._weighed(ranked[0])
         return first.explanations, self._check(first)
+
+    def alone(self):
+        """(Explanations, adequacy.Scan of what they leave) of the best single cause; () = none."""
+        _, tried, left, _ = self._singly()
+        return tried.explanations if tried else (), left
+
+    def _singly(self):
+        """(`weighed_singles`, *`_alone`), made once."""
+        if self._one is None:
+            ranked = self.weighed_singles()
+            self._one = ranked, *self._alone(ranked, self._before())
+        return self._one
 
     def _before(self):
         """adequacy.Scan without any cause, made once."""

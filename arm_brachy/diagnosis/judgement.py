@@ -4,6 +4,7 @@ Test: diagnosis/test_diagnose.py, diagnosis/test_loudness.py, diagnosis/test_mes
 """
 
 from dataclasses import dataclass
+from operator import methodcaller
 
 from arm_brachy.core.random import stream
 from arm_brachy.diagnosis.assembly import Assembly, assemble
@@ -40,8 +41,7 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
     tests : Matched, held out: what is found of mesh and noise holds for them as well
     limit : mesh_errors.Limit of their body, None = not known
     sound : number of null recordings, last of `matched`;  accuracy : model_error.Accuracy
-    What nothing explains, or is left where no cause stands out or by one far ahead of all others,
-    is judged anew with noise as loud as it may be.
+    What nothing explains, or one cause leaves, is judged anew with noise as loud as it may be.
     """
     def judge(matched):
         assembly = assemble(matched, tried, sound)
@@ -68,14 +68,16 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
         notes = (*notes, said_of_limit(finer))
     if fault is not None or finer is not None:
         assembly, fits, one = judge(matched)
-    factors = _noise_beside(assembly, one, lambda loud: judge(_louder(matched, loud))[2])
-    decision = one.decide() if not factors else None
-    if decision is not None and decision.verdict == 'unexplained' and decision.unproven is None:
+    factors, (assembly, fits, one) = _noise_beside(
+        (assembly, fits, one), lambda some: judge(_louder(matched, some)))
+    decision = one.decide()
+    if not factors and decision.verdict == 'unexplained' and decision.unproven is None:
         factors = louder(assembly, [e for c in decision.ranked[:1] for e in c.explanations])
+        if factors:
+            assembly, fits, one = judge(_louder(matched, factors))
+            decision = one.decide()
     if factors:
-        matched, tests = _louder(matched, factors), _louder(tests, factors)
-        assembly, fits, one = judge(matched)
-        decision, notes = one.decide(), (*notes, *said(factors))
+        tests, notes = _louder(tests, factors), (*notes, *said(factors))
     return Judgement(assembly, fits, decision, tuple(tests), fault, notes, finer is not None)
 
 
@@ -83,17 +85,24 @@ def _louder(matched, factors):
     return [one.louder(factors) for one in matched]
 
 
-def _noise_beside(assembly, judge, again):
-    """`louder` factors of the noise beside which nothing is left; else {}.
+def _noise_beside(quiet, again):
+    """(`louder` factors of the noise beside which nothing is left, what is judged with it so).
 
-    Nothing is left by one cause, far ahead, or by none, where none stands out.
-    judge : decide.Judge of an assembly.Assembly;  again : factors -> Judge with noise as loud
-    What is left without them would be put down to another cause, or to nothing that is known,
-    after all have been fitted in full.
+    quiet : (Assembly, FullFits, Judge), returned with {} where noise as loud makes no difference
+    again : factors -> the same with noise as loud
+    Nothing is left by one cause, or by none where none stands out: first by one that is far ahead
+    of all others, then by the best once all that promise most are fitted in full. What is left
+    without them would be put down to a second cause, or to nothing that is known.
     """
-    first = judge.outstanding()
-    if first is None or first[1].chance >= judge.rules.alarm:
-        return {}
-    factors = louder(assembly, first[0])
-    then = again(factors).outstanding() if factors else None
-    return factors if then is not None and then[1].chance >= judge.rules.alarm else {}
+    for best in (methodcaller('outstanding'), methodcaller('alone')):
+        found = best(quiet[-1])
+        if found is None:
+            continue
+        if found[1].chance >= quiet[-1].rules.alarm:
+            break
+        factors = louder(quiet[0], found[0])
+        loud = again(factors) if factors else None
+        then = loud and best(loud[-1])
+        if then and then[1].chance >= loud[-1].rules.alarm:
+            return factors, loud
+    return {}, quiet

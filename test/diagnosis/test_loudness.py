@@ -73,28 +73,44 @@ def test_how_loud_noise_may_be_a_null_recording_tells(white):
     assert loudness.louder(*made(3.0 * white, 1.0, 2.0, sound=1)) == {EM: 2.0, OPTICAL: 2.0}
 
 
-def judged_by(chance):
-    """What `_noise_beside` asks of a Judge: what its one cause, or none, leaves has that chance.
+class Judged:
+    """What `_noise_beside` asks of a Judge: what is left has that chance.
 
-    None = several causes stand out
+    far : by a cause far ahead, or by none where none stands out; None = there is no such cause
+    best : by the best once all are fitted in full
     """
-    first = None if chance is None else ((), SimpleNamespace(chance=chance))
-    return SimpleNamespace(outstanding=lambda: first, rules=SimpleNamespace(alarm=1e-3))
+
+    rules = SimpleNamespace(alarm=1e-3)
+
+    def __init__(self, far, best=None):
+        self.far, self.best = far, best
+
+    def outstanding(self):
+        return self.far and ((), SimpleNamespace(chance=self.far))
+
+    def alone(self):
+        assert self.best is not None, 'full fits were asked for in vain'
+        return (), SimpleNamespace(chance=self.best)
 
 
-@pytest.mark.parametrize(('chance', 'beside', 'expected'), [
-    (1e-9, 0.2, {EM: 2.5}),       # what is left is no more than noise may be
-    (1e-9, 1e-7, {}),             # it is: something else is there as well
-    (0.2, 0.9, {}),               # nothing is left
-    (None, 0.2, {})])             # no cause is far ahead of others that stand out
-def test_noise_is_asked_before_a_second_cause(white, chance, beside, expected):
-    loud = np.where(np.arange(N) < N // 2, np.sqrt(2.0), 1.0) * white
-    assembly, _ = made(QUIET * loud, 2.5)
-    found = judgement._noise_beside(assembly, judged_by(chance),
-                                    lambda factors: judged_by(beside))
-    assert found == expected
+@pytest.mark.parametrize(('quiet', 'loud', 'expected'), [
+    ((1e-9,), (0.2,), {EM: 2.5}),                   # what is left is no more than noise may be
+    ((1e-9, 1e-9), (1e-7, 1e-7), {}),               # it is: something else is there as well
+    ((0.2,), None, {}),                             # nothing is left
+    ((None, 1e-9), (None, 0.2), {EM: 2.5}),         # the best of several leaves no more
+    ((None, 1e-9), (None, 1e-7), {}),
+    ((None, 0.2), None, {}),
+    ((1e-9, 1e-9), (None, 0.2), {EM: 2.5})])        # beside loud noise it is no longer far ahead
+def test_noise_is_asked_before_a_second_cause(white, quiet, loud, expected):
+    half = np.where(np.arange(N) < N // 2, np.sqrt(2.0), 1.0) * white
+    assembly, _ = made(QUIET * half, 2.5)
+    given, other = (assembly, None, Judged(*quiet)), (assembly, None, loud and Judged(*loud))
+    factors, found = judgement._noise_beside(given, lambda factors: other)
+    assert factors == expected
+    assert found is (other if expected else given)
 
 
 def test_where_no_stream_seems_louder_nothing_is_asked_again(white):
     assembly, _ = made(QUIET * white, 2.5)
-    assert judgement._noise_beside(assembly, judged_by(1e-9), None) == {}
+    given = (assembly, None, Judged(1e-9, 1e-9))
+    assert judgement._noise_beside(given, None) == ({}, given)
