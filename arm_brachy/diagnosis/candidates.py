@@ -14,7 +14,7 @@ from scipy.spatial.distance import cdist
 from arm_brachy.diagnosis.hypothesis import TIED, Hypothesis, strengths
 from arm_brachy.tissue.mesh import boundary_faces, volumes
 
-INTERIOR, SURFACE, BASE_PLACES = 60, 24, 12     # places in a body, on it, under it
+INTERIOR, SURFACE, BASE_PLACES = 60, 24, 30     # places in a body, on it, under it
 RELAXATION_TIMES = (0.5, 3.0, 15.0)     # s: what a recording of a minute tells apart
 BUMP_RADII = (0.013, 0.020)             # m: either side of the prior's median
 SOFTENING_ENERGIES = (15.0, 150.0)      # J/m^3: strains of 7 and 22 %
@@ -24,6 +24,9 @@ TILT = float(np.degrees(np.arctan(np.sqrt(0.5))))
 FIBRES = ((0.0, 90.0), *((a, 0.0) for a in (0.0, 45.0, 90.0, -45.0)),
           *((a, e) for a in (0.0, 90.0) for e in (45.0, -45.0)),
           *((a, e) for a in (45.0, -45.0) for e in (TILT, -TILT)))
+# Of the typical one: radii of a sector off the base at which its response is taken. What a
+# sector shows grows with the third power of its radius, and reaches little beyond it.
+SECTORS = (0.7, 1.2)
 SECOND_BRANCH = 40.0    # s, beside a first that is faster by far: creep of tissue has both
 
 
@@ -56,9 +59,10 @@ def candidates(cls, specimen, occasions=None):
     choices = [one for one in _CHOICES if one.applies(cls, names)]
     places = [one.options(cls, specimen, occasions) for one in choices]
     free = strengths(cls)
+    sizes = SECTORS if cls.spec.name == 'base_debond' else (1.0,)
     return tuple(Hypothesis(cls, {k: v for part in combination for k, v in part.items()},
-                            _free(free, combination))
-                 for combination in product(*places))
+                            _free(free, combination), size=size)
+                 for combination in product(*places) for size in sizes)
 
 
 def _free(free, combination):

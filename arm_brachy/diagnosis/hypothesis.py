@@ -94,12 +94,14 @@ class Hypothesis:
     cls : from registry.TERMS;  place : field -> SI value for what says where, when or how
     strengths : those that are free; all others of the class are neutral
     only : number of the recording in which it happened, None = in any
+    size : amplitude at which its response is taken, where no tangent leads there
     """
 
     cls: type
     place: dict = field(default_factory=dict)
     strengths: tuple = ()
     only: int | None = None
+    size: float = 1.0
 
     @property
     def name(self):

@@ -30,7 +30,7 @@ from arm_brachy.tissue.contact_pads import touches
 from arm_brachy.tissue.free_dofs import moved_from_rest
 
 SMALL = 1e-3    # of the typical size, at which effects on the tissue are linearised
-WHOLE = 1.0     # at which thresholds, lost bonds and play are run: fainter, they may not act
+WHOLE = 1.0     # at which thresholds and play are run: fainter, they may not act
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ class Response:
 def respond(baseline, hypothesis, scale=None):
     """Return the Response to a Hypothesis beside the terms of a baseline.Baseline.
 
-    scale : amplitude to take the difference at; None = SMALL for tangents of the tissue, else
-        WHOLE
+    scale : amplitude to take the difference at; None = SMALL for tangents of the tissue, the
+        hypothesis' size for supports and bonds that are lost, else WHOLE
     Raises ConfigError for a term that the encoders hide (set point), and what terms raise that do
     not fit.
     """
@@ -69,21 +69,22 @@ def _known(baseline, hypothesis, k, scale):
     """`_column` of strength k, kept with the baseline where other hypotheses have the same."""
     same = hypothesis.same_alone(k)
     if same is None:
-        return _column(baseline, partial(hypothesis.alone, k), scale)
-    if (same, scale) not in baseline.columns:
-        baseline.columns[same, scale] = _column(baseline, partial(hypothesis.alone, k), scale)
-    return baseline.columns[same, scale]
+        return _column(baseline, partial(hypothesis.alone, k), scale, hypothesis.size)
+    key = same, scale, hypothesis.size
+    if key not in baseline.columns:
+        baseline.columns[key] = _column(baseline, partial(hypothesis.alone, k), *key[1:])
+    return baseline.columns[key]
 
 
-def _column(baseline, at, scale):
+def _column(baseline, at, scale, size):
     """(change per typical size kind -> (n, c, 3), scale, exact) of one strength.
 
-    at : amplitude -> term
+    at : amplitude -> term;  size : as Hypothesis has it
     """
     whole = at(scale or WHOLE)
     if whole.stage is Stage.BODY:
         if _restructures(baseline, at(WHOLE)):
-            return _supported(baseline, whole, scale or WHOLE)
+            return _supported(baseline, at(scale or size), scale or size)
         return _by(scale or SMALL, body_change(baseline, at(scale or SMALL)))
     if whole.stage is Stage.TRANSMISSION:
         if baseline.model.remembers:
