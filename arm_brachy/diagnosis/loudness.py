@@ -13,7 +13,7 @@ import numpy as np
 
 from arm_brachy.diagnosis.colour import MEDIAN_CHI2
 from arm_brachy.diagnosis.conclude import left_over
-from arm_brachy.diagnosis.rests import LONGEST_MEMORY
+from arm_brachy.diagnosis.rest_colour import LONGEST_MEMORY
 from arm_brachy.diagnosis.words import STREAMS
 
 LEAST = 1.05        # times the variance: less changes no verdict

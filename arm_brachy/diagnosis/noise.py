@@ -17,7 +17,8 @@ from arm_brachy.diagnosis.colour import (
     variogram,
 )
 from arm_brachy.diagnosis.motion import motion_of
-from arm_brachy.diagnosis.rests import ENOUGH_IDLE, SETTLING, excess, over_rests, rest_spans
+from arm_brachy.diagnosis.rest_colour import over_rests
+from arm_brachy.diagnosis.rests import ENOUGH_IDLE, SETTLING, excess, rest_spans
 from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL
 
 LATER_PART = 0.5     # of a later stretch that is taken: its end, when the tissue has settled

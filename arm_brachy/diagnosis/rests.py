@@ -1,28 +1,17 @@
-"""Noise that outlasts single rests: the pads come back, an elastic body with them.
+"""Rests without a push, and by how much they differ beyond what the noise says.
 
-Within rests of a second a memory of a second or two cannot be told from a constant; between rests
-without a push whatever differs is noise, a drift, or the tissue's past.
-Test: diagnosis/structural/test_noise.py
+Test: diagnosis/structural/test_rests.py
 """
 
 import numpy as np
 
-from arm_brachy.diagnosis.colour import (
-    LONGEST_LAG,
-    MEDIAN_CHI2,
-    Stretch,
-    fit_colour,
-    lags_for,
-    variogram,
-)
+from arm_brachy.diagnosis.colour import MEDIAN_CHI2
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.stream import ENCODER
 
 SETTLING = 0.2       # s after the pads have stopped that are no idle
 ENOUGH_IDLE = 5.0    # s of idle before the first push that make later stretches needless
-LONGEST_MEMORY = 2.0    # s of noise that is told from a drift over rests up to twice as far apart
 FEWEST_RESTS = 3     # with the pads back where they began
-FEWEST_PAIRS = 5     # of samples of a channel at a lag
 MOST_EXCESS = 3.0    # times the variance: what differs more between rests is no noise
 
 
@@ -37,36 +26,6 @@ def rest_spans(evidence):
     rests = [(start if start == first else start + SETTLING, end)
              for start, end, pushed in stills if not pushed and end - start > 2.0 * SETTLING]
     return tuple(rests) if len(rests) >= FEWEST_RESTS else ()
-
-
-def over_rests(stream, rests):
-    """(Colour, variance over that at the shortest lag) from samples in different rests as well.
-
-    rests : of `rest_spans`. None where the noise is white as far as they tell, or where they
-    differ ever more with the time between them: that is no noise but a drift, or tissue that
-    remembers. The median over channels is taken: a fault, or tissue that recovers under one pad,
-    shows in few of them.
-    """
-    at_rest = np.zeros(len(stream.t), dtype=bool)
-    for start, end in rests:
-        at_rest |= (stream.t >= start) & (stream.t < end)
-    index = np.flatnonzero(at_rest)
-    if not len(index):
-        return None
-    k, c = stream.values.shape[1:]
-    whole = Stretch(int(index[0]), int(index[-1]) + 1)
-    lags = lags_for(int(min(LONGEST_LAG * (index[-1] - index[0]),
-                            2.0 * LONGEST_MEMORY / stream.period)))
-    gamma, pairs = variogram(stream.values.reshape(len(stream.t), k * c),
-                             np.repeat(stream.valid & at_rest[:, None], c, axis=1), lags, [whole])
-    known = (pairs >= FEWEST_PAIRS) & (gamma[0] > 0.0)
-    some = known.any(axis=1)
-    if not some[0]:
-        return None
-    relative = np.where(known, gamma / np.where(gamma[0] > 0.0, gamma[0], 1.0), np.nan)[some]
-    colour, variance = fit_colour(np.nanmedian(relative, axis=1), pairs[some].sum(axis=1),
-                                  lags[some], stream.period)
-    return (colour, max(variance, 1.0)) if 0.0 < colour.time < LONGEST_MEMORY else None
 
 
 def excess(stream, noise, rests):

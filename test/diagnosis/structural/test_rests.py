@@ -1,4 +1,4 @@
-"""Noise with a memory longer than any rest, found between rests."""
+"""Rests without a push, and how much they differ beyond what the noise says."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from arm_brachy.devices.optical_tracker import OpticalParams
 from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.noise import Noise, noise_of
-from arm_brachy.diagnosis.rests import MOST_EXCESS, excess, over_rests, rest_spans
+from arm_brachy.diagnosis.rests import MOST_EXCESS, excess, rest_spans
 from arm_brachy.diagnosis.shared_noise import shared_noise
 from arm_brachy.diagnosis.stream import FORCE, Stream
 
@@ -27,34 +27,6 @@ def forces():
     pushed = np.all([(t < a) | (t >= b) for a, b in RESTS], axis=0)
     return Stream(FORCE, t, tuple('abcd'), (noise + pushed[:, None]).reshape(n, 4, 3),
                   np.ones((n, 4), dtype=bool), tuple('abcd'), np.zeros((4, 3)))
-
-
-def test_memory_longer_than_a_rest(forces):
-    colour, variance = over_rests(forces, RESTS)
-    assert colour.share == pytest.approx(SHARE, abs=0.08)
-    assert colour.time == pytest.approx(TIME, rel=0.4)
-    assert variance * (1.0 - colour.share) == pytest.approx(1.0, abs=0.05)  # the shortest is white
-
-
-def test_one_pad_under_which_the_tissue_recovers_is_no_noise(forces):
-    memory = forces.values.copy()
-    memory[:, 0] += 0.2 * np.sin(0.5 * forces.t)[:, None]
-    seen = over_rests(Stream(FORCE, forces.t, forces.names, memory, forces.valid, forces.bodies,
-                             forces.rest), RESTS)
-    assert seen[0].share == pytest.approx(SHARE, abs=0.08)
-
-
-def test_a_drift_of_all_channels_is_no_noise(forces):
-    drift = forces.values + 0.02 * forces.t[:, None, None]
-    assert over_rests(Stream(FORCE, forces.t, forces.names, drift, forces.valid, forces.bodies,
-                             forces.rest), RESTS) is None
-
-
-def test_white_noise_stays_white(forces):
-    white = draws(4, 'white').standard_normal(forces.values.shape)
-    found = over_rests(Stream(FORCE, forces.t, forces.names, white, forces.valid, forces.bodies,
-                              forces.rest), RESTS)
-    assert found is None or found[0].share < 0.05
 
 
 @pytest.mark.parametrize('colour, variance', [(Colour(SHARE, TIME), 1.0),

@@ -1,0 +1,179 @@
+"""Colour of noise that outlasts single rests: the pads come back, an elastic body with them.
+
+Within rests of seconds a memory of seconds cannot be told from a constant; between rests without
+a push whatever differs is noise, a drift, or the tissue's past. White noise plus a first-order
+Markov part has a likelihood in closed form, by the Kalman filter, gaps between rests included;
+restricted to what no constant can change (one per channel), since a few rests have their mean
+taken out (Harville 1977, J Am Stat Assoc 72:320). Of the channels the middle third counts: a
+fault, or tissue that recovers under one pad, shows in few of them. What is found has to hold
+within single rests as well, each about a constant of its own.
+Test: diagnosis/structural/test_rest_colour.py
+"""
+
+import numpy as np
+from numba import njit
+from scipy.optimize import minimize
+from scipy.special import expit, logit
+
+from arm_brachy.diagnosis.colour import SIGNIFICANT, Colour
+
+LONGEST_MEMORY = 2.0    # s of noise that is told from the tissue's past by its time alone
+LONGEST_SLOW = 12.0     # s, where channels have it independently of each other
+PART = 0.25             # of the time from the first rest to the last: a longer memory is a drift
+FEWEST_RESTS, FEWEST_CHANNELS = 5, 6     # of them, for their means to tell noise from the past
+IN_COMMON = 0.5         # that squared correlations may exceed those of noise by, relative: of 33
+                        # streams of noise 0.6 at most, of two where forces relax or yield 1.6, 3.4
+SHARES = (0.02, 0.06, 0.15, 0.35, 0.7, 0.95)    # of the variance, first guesses
+TIMES = 7               # memories, first guesses, from SHORTEST sampling periods on
+SHORTEST = 3.0
+LOOSE, TRIES = 0.01, 80     # of logarithms, evaluations of the search
+SURE = 0.5 * SIGNIFICANT**2     # log likelihood that a number more has to gain
+HELD = 0.5              # that a channel may lose within rests by what is found between them
+MOST_SAMPLES = 20_000   # of a channel; of longer rests the beginnings count
+
+
+def over_rests(stream, rests):
+    """(Colour, variance over that at the shortest lag) of a Stream at rest; None = not to be told.
+
+    rests : tuples (t_start, t_end) [s], of `rests.rest_spans`. None where the noise is white as
+    far as they tell, or lasts so long that it may be a drift, or the tissue's past.
+    """
+    kept = _kept(stream.t, rests)
+    if not len(kept):
+        return None
+    t, (y, valid) = stream.t[kept], _series(stream, kept)
+    number = np.searchsorted([end for _, end in rests], t, side='right')
+    between, within = (_Likelihood(t, y, valid, stream.period, one)
+                       for one in (np.zeros_like(number), number))
+    colour, gain = between.likeliest()
+    if gain < SURE or not _is_noise(colour.time, stream, rests):
+        return None
+    if within.likeliest()[1] - within.gain(colour) > HELD * y.shape[1]:
+        return None
+    return colour, 1.0 / (1.0 - float(colour.correlation(stream.period)))
+
+
+def _kept(t, rests):
+    """Numbers of the samples at rest, MOST_SAMPLES at most."""
+    each = [np.arange(*np.searchsorted(t, span)) for span in rests]
+    share = min(1.0, MOST_SAMPLES / max(sum(map(len, each)), 1))
+    return np.concatenate([one[:int(np.ceil(share * len(one)))] for one in each] or [[]]).astype(
+        int)
+
+
+def _series(stream, kept):
+    """(values (n, c), where they are known (n, c)) at samples `kept` (n,), about their means."""
+    y = stream.values[kept].reshape(len(kept), -1)
+    valid = np.repeat(stream.valid[kept], stream.values.shape[2], axis=1) & np.isfinite(y)
+    y = np.where(valid, y, 0.0)
+    return np.where(valid, y - y.sum(axis=0) / np.maximum(valid.sum(axis=0), 1), 0.0), valid
+
+
+class _Likelihood:
+    """Log likelihood of colours over that of white noise: the middle channels', for all of them.
+
+    t : (n,) [s];  y, valid : (n, c);  period : [s];  number : (n,) of the constant of each sample
+    """
+
+    def __init__(self, t, y, valid, period, number):
+        self._given = t, y, valid, number
+        self._span = np.log([SHORTEST * period, max(t[-1] - t[0], 2.0 * SHORTEST * period)])
+        self._white = _costs(*self._given, 0.0, 1.0)
+
+    def gain(self, colour):
+        """Of a Colour; 0 where no channel is known."""
+        gains = self._white - _costs(*self._given, colour.share, colour.time)
+        gains = np.sort(gains[np.isfinite(gains)])
+        aside = len(gains) // 3
+        middle = gains[aside:len(gains) - aside]
+        return float(len(gains) * middle.mean()) if len(middle) else 0.0
+
+    def likeliest(self):
+        """(Colour, gain) of the likeliest."""
+        def cost(point):
+            return -self.gain(_colour(point))
+
+        guesses = [(logit(share), time) for share in SHARES
+                   for time in np.linspace(*self._span, TIMES)]
+        found = minimize(cost, min(guesses, key=cost), method='Nelder-Mead',
+                         bounds=[(-8.0, 8.0), tuple(self._span)],
+                         options={'maxfev': TRIES, 'xatol': LOOSE, 'fatol': LOOSE})
+        return _colour(found.x), -float(found.fun)
+
+
+def _colour(point):
+    return Colour(float(expit(point[0])), float(np.exp(point[1])))
+
+
+@njit(cache=True)
+def _costs(t, y, valid, number, share, time):
+    """-log restricted likelihood (c,), less a constant, of each channel at its likeliest variance.
+
+    t, number : (n,) [s], of the constant of each sample, its slow noise independent of the
+    others';  y, valid : (n, c). NaN for channels that are not known or never change.
+    """
+    out, white = np.full(y.shape[1], np.nan), 1.0 - share
+    for c in range(y.shape[1]):
+        free, square, volume, now = 0, 0.0, 0.0, -1
+        last, slow, at_y, at_1 = 0.0, 0.0, 0.0, 0.0     # variance, means of the slow part of y, 1
+        yy, y1, ones = 0.0, 0.0, 0.0                    # of one constant
+        for i in range(len(t)):
+            if not valid[i, c]:
+                continue
+            if number[i] != now:
+                if ones > 0.0:
+                    free, square, volume = free - 1, square + yy - y1**2 / ones, volume + np.log(
+                        ones)
+                now, slow, at_y, at_1 = number[i], share, 0.0, 0.0
+                yy, y1, ones = 0.0, 0.0, 0.0
+            else:
+                kept = np.exp(-(t[i] - last) / time)
+                at_y, at_1 = kept * at_y, kept * at_1
+                slow = kept**2 * slow + share * (1.0 - kept**2)
+            free, last, variance = free + 1, t[i], slow + white
+            off_y, off_1 = y[i, c] - at_y, 1.0 - at_1
+            yy, y1, ones = (yy + off_y**2 / variance, y1 + off_y * off_1 / variance,
+                            ones + off_1**2 / variance)
+            volume += np.log(variance)
+            gain = slow / variance
+            at_y, at_1, slow = at_y + gain * off_y, at_1 + gain * off_1, slow * (1.0 - gain)
+        if ones > 0.0:
+            free, square, volume = free - 1, square + yy - y1**2 / ones, volume + np.log(ones)
+        if free > 2 and square > 0.0:
+            out[c] = 0.5 * (free * np.log(square / free) + volume)
+    return out
+
+
+def _is_noise(time, stream, rests):
+    """True if what lasts for `time` [s] between rests is no drift and not the tissue's past.
+
+    Noise is every channel's own, while tissue that remembers, a frame or a base that moves shows
+    in many: squared correlations of their means are 1 / (rests - 1) on average where they have
+    nothing in common, with a variance of 2 (rests - 2) / (rests + 1) times the square of that.
+    Axes of one channel may have noise in common.
+    Where rests or channels are too few to tell, what lasts for LONGEST_MEMORY is taken for them.
+    """
+    if time >= min(LONGEST_SLOW, PART * (rests[-1][1] - rests[0][0])):
+        return False
+    means, channel = _means(stream, rests)
+    if len(means) < FEWEST_RESTS or means.shape[1] < FEWEST_CHANNELS:
+        return time < LONGEST_MEMORY
+    unit, (i, j) = means / np.linalg.norm(means, axis=0), np.triu_indices(means.shape[1], 1)
+    other = channel[i] != channel[j]
+    if not other.any():
+        return time < LONGEST_MEMORY
+    alike = (unit.T @ unit)[i[other], j[other]]**2 * (len(means) - 1)
+    error = np.sqrt(2.0 * (len(means) - 2) / (len(means) + 1) / len(alike))
+    return alike.mean() < 1.0 + max(IN_COMMON, SIGNIFICANT * error)
+
+
+def _means(stream, rests):
+    """(means (r, c), channel (c,)) of what changes, over rests in which all channels are seen."""
+    spans = [slice(*np.searchsorted(stream.t, span)) for span in rests]
+    means = [np.nanmean(np.where(stream.valid[one][..., None], stream.values[one], np.nan), axis=0)
+             for one in spans if stream.valid[one].any(axis=0).all()]
+    k, axes = stream.values.shape[1:]
+    means = np.array(means).reshape(len(means), k * axes)
+    means = means - means.mean(axis=0) if len(means) else means
+    kept = means.any(axis=0)
+    return means[:, kept], np.repeat(np.arange(k), axes)[kept]

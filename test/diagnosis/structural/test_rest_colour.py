@@ -1,0 +1,114 @@
+"""Noise with a memory longer than any rest, found between rests; what is none is not."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import multivariate_normal
+
+from arm_brachy.core.random import stream as draws
+from arm_brachy.diagnosis import rest_colour
+from arm_brachy.diagnosis.colour import Colour
+from arm_brachy.diagnosis.rest_colour import over_rests
+from arm_brachy.diagnosis.stream import FORCE, Stream
+
+PERIOD, SD, SHARE, TIME = 0.01, 0.03, 0.36, 1.2
+RESTS = tuple((1.5 * i, 1.5 * i + 0.4) for i in range(40))     # 1.1 s of pushes between them
+FEW = tuple((8.0 * i, 8.0 * i + 2.5) for i in range(12))
+
+
+def noise_of(colour, n, rng):
+    a = np.exp(-PERIOD / colour.time)
+    kicks = rng.standard_normal((n, 12))
+    kicks[1:] *= np.sqrt(1.0 - a**2)
+    slow = lfilter([1.0], [1.0, -a], kicks, axis=0)
+    return SD * (np.sqrt(colour.share) * slow
+                 + np.sqrt(1.0 - colour.share) * rng.standard_normal((n, 12)))
+
+
+def recorded(rests, noise):
+    """Four pads' forces, pushed but in the rests."""
+    t = PERIOD * np.arange(len(noise))
+    pushed = np.all([(t < a) | (t >= b) for a, b in rests], axis=0)
+    values = (noise + pushed[:, None]).reshape(-1, 4, 3)
+    return Stream(FORCE, t, tuple('abcd'), values, np.ones(values.shape[:2], dtype=bool),
+                  tuple('abcd'), np.zeros((4, 3)))
+
+
+@pytest.fixture
+def noise():
+    return noise_of(Colour(SHARE, TIME), 6000, draws(3, 'rests'))
+
+
+def test_memory_longer_than_a_rest(noise):
+    colour, variance = over_rests(recorded(RESTS, noise), RESTS)
+    assert colour.share == pytest.approx(SHARE, abs=0.08)
+    assert colour.time == pytest.approx(TIME, rel=0.4)
+    assert variance * (1.0 - colour.share) == pytest.approx(1.0, abs=0.05)  # the shortest is white
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_little_noise_that_remembers_for_seconds(seed):
+    """Twelve rests of 2.5 s hardly show a memory of 5 s; their means are three times as apart."""
+    faint = noise_of(Colour(0.12, 5.0), 9200, draws(seed, 'rests'))
+    colour, _ = over_rests(recorded(FEW, faint), FEW)
+    assert colour.share == pytest.approx(0.12, abs=0.04)
+    assert 3.0 < colour.time < 9.0
+
+
+def test_the_cost_is_that_of_the_joint_density_of_what_no_constant_changes():
+    """Of two series of unequal variance with gaps, by contrasts of their samples."""
+    rng, t = draws(5, 'rests'), PERIOD * np.array([0, 1, 2, 5, 60, 61, 64])
+    y, valid = rng.standard_normal((7, 2)) * [1.0, 3.0], np.ones((7, 2), dtype=bool)
+    valid[2, 0] = False
+
+    def density(share, time, c, constants):
+        seen = valid[:, c]
+        apart = np.abs(t[seen][:, None] - t[seen])
+        same = constants[seen][:, None] == constants[seen]
+        C = np.where(same, share * np.exp(-apart / time), 0.0) + (1.0 - share) * np.eye(seen.sum())
+        X = (constants[seen][:, None] == np.unique(constants[seen])).astype(float)
+        null = np.linalg.svd(X.T)[2][X.shape[1]:]
+        z, free = null @ y[seen, c], len(null)
+        variance = z @ np.linalg.solve(null @ C @ null.T, z) / free
+        return -multivariate_normal.logpdf(z, cov=variance * null @ C @ null.T)
+
+    for constants in (np.zeros(7, dtype=int), np.array([0, 0, 0, 0, 1, 1, 1])):
+        found, other = (rest_colour._costs(t, y, valid, constants, *colour)
+                        for colour in ((0.4, 0.03), (0.7, 0.2)))
+        for c in range(2):
+            assert found[c] - other[c] == pytest.approx(
+                density(0.4, 0.03, c, constants) - density(0.7, 0.2, c, constants), abs=1e-9)
+
+
+def test_one_pad_under_which_the_tissue_recovers_is_no_noise(noise):
+    noise[:, :3] += 0.2 * np.sin(0.5 * PERIOD * np.arange(len(noise)))[:, None]
+    assert over_rests(recorded(RESTS, noise), RESTS)[0].share == pytest.approx(SHARE, abs=0.08)
+
+
+def test_a_drift_of_all_channels_is_no_noise(noise):
+    noise += 0.02 * PERIOD * np.arange(len(noise))[:, None]
+    assert over_rests(recorded(RESTS, noise), RESTS) is None
+
+
+def test_a_past_that_channels_share_is_no_noise(noise):
+    """Pushes leave something that is forgotten in 3 s, more of it under one pad than another."""
+    rng, n = draws(6, 'rests'), len(noise)
+    kicks = np.where(np.arange(n) % 150 == 40, rng.standard_normal(n), 0.0)
+    past = lfilter([1.0], [1.0, -np.exp(-PERIOD / 3.0)], kicks)
+    white = SD * rng.standard_normal((n, 12))
+    assert over_rests(recorded(RESTS, white + SD * past[:, None] * rng.uniform(0.5, 2.0, 12)),
+                      RESTS) is None
+
+
+def test_what_differs_between_rests_has_to_hold_within_them(noise):
+    """Every rest has an offset of its own, in every channel another, and white noise."""
+    rng, n = draws(7, 'rests'), len(noise)
+    offset = rng.standard_normal((n // 150 + 1, 12)).repeat(150, axis=0)[:n]
+    apart = recorded(RESTS, SD * rng.standard_normal((n, 12)) + 2.0 * SD * offset)
+    assert over_rests(apart, RESTS) is None
+
+
+def test_white_noise_stays_white(noise):
+    white = draws(4, 'white').standard_normal(noise.shape)
+    found = over_rests(recorded(RESTS, white), RESTS)
+    assert found is None or found[0].share < 0.05
