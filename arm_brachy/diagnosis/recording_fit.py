@@ -128,7 +128,7 @@ class RecordingFit:
             self._last = data.baseline.model.equilibria
         terms = data.present(terms)
         if all(term.stage in STAGES.values() for term in terms):
-            self._still = data.plain()
+            self._still = self._plain()
             return
         whole = self.model(terms)
         if touches(whole.body).any():
@@ -137,7 +137,7 @@ class RecordingFit:
                 raise NotConverged('memories beside pads that touch ask for a run with contact '
                                    'at every step: it takes hours')
         elif whole.remembers:
-            self.beside, self.open, self._memories = data.plain(), (np.inf, 1.0), True
+            self.beside, self.open, self._memories = self._plain(), (np.inf, 1.0), True
         else:
             self._led_if_straight(whole, terms)
 
@@ -157,6 +157,11 @@ class RecordingFit:
         """Have all predictions be full runs from now on where tangents have too much wrong."""
         if self.open[0] > BENT**2 * self.open[1]:
             self.beside, self.open, self._added = None, (0.0, 0.0), {}
+
+    def _plain(self):
+        """`Data.plain`, a run where it is made."""
+        self.runs += self.data.baseline is None
+        return self.data.plain()
 
     def model(self, terms):
         """The ForwardModel with terms besides the known ones."""
@@ -184,7 +189,7 @@ class RecordingFit:
         loose, = (term for term in terms if term not in _bonding(terms))
         factor, others = self.data.modulus_apart(_bonding(terms))
         if self._bonded is None or self._bonded[0] != others:
-            self._bonded = others, self.data.plain() if not others else Baseline(
+            self._bonded = others, self._plain() if not others else Baseline(
                 self.model(others), self.data.encoder, self.data.t)
         bonded = self._bonded[1]
         change = loosened_change(bonded, loose, NEAR)
