@@ -83,7 +83,8 @@ def law_between(old, new):
     at = local[new.springs.nodes]
     stiffness[at, :, at, :] = new.springs.stiffness
     corners = added.nodes if len(added.nodes) else np.zeros((0, 3), dtype=np.int64)
-    return Law(nodes, ~np.isin(nodes, held_nodes(new)), stiffness.reshape(3 * len(nodes), -1),
+    size = 3 * len(nodes)
+    return Law(nodes, ~np.isin(nodes, held_nodes(new)), stiffness.reshape(size, size),
                replace(added, nodes=local[corners])), freed
 
 
@@ -128,7 +129,8 @@ def interface_change(baseline, body):
         return None
     u = {k: (baseline.x(k) - baseline.model.body.mesh.nodes)[law.nodes]
          for k in baseline.places()}
-    if not len(freed) and not any(law.forces(u[k], baseline.base(k)).any() for k in u):
+    if not len(law.nodes) or not len(freed) and not any(
+            law.forces(u[k], baseline.base(k)).any() for k in u):
         return np.zeros((len(baseline.t), len(baseline.sensitivity(0).force)))
     if baseline.condensed is None:
         baseline.condensed = Condensed(baseline)

@@ -150,9 +150,12 @@ def test_terms_of_all_stages_together_do_what_a_full_run_has_them_do(linear, enc
 def test_a_support_that_holds_no_node_does_nothing(linear, encoder):
     """Whatever was asked of the same class before."""
     beside = Baseline(ForwardModel(linear), encoder, STATES)
-    respond(beside, hypothesis(BaseDebond, centre=(0.02, 0.01, 0.0)))
+    sector = hypothesis(BaseDebond, centre=(0.02, 0.01, 0.0))
+    respond(beside, sector)
     change = together(beside, (BaseDebond(1e-6, (0.02, 0.01, 0.0)),))
     assert all(not np.any(values) for values in change.values())
+    small = respond(beside, replace(sector, size=1e-4))
+    assert small.scale == 1e-4 and all(not np.any(values) for values in small.values.values())
 
 
 def test_an_obstacle_out_of_reach_does_nothing(baseline):
