@@ -21,8 +21,9 @@ LONGEST_MEMORY = 2.0    # s of noise that is told from the tissue's past by its 
 LONGEST_SLOW = 12.0     # s, where channels have it independently of each other
 PART = 0.25             # of the time from the first rest to the last: a longer memory is a drift
 FEWEST_RESTS, FEWEST_CHANNELS = 5, 6     # of them, for their means to tell noise from the past
-IN_COMMON = 0.5         # that squared correlations may exceed those of noise by, relative: of 33
-                        # streams of noise 0.6 at most, of two where forces relax or yield 1.6, 3.4
+IN_COMMON = 0.5         # that squared correlations may exceed those of noise by, relative, where
+                        # SIGNIFICANT errors are less. The half-cylinder: forces and markers with
+                        # noise alone 0.54 at most, forces that relax or yield 0.8 and 3.1
 SHARES = (0.02, 0.06, 0.15, 0.35, 0.7, 0.95)    # of the variance, first guesses
 TIMES = 7               # memories, first guesses, from SHORTEST sampling periods on
 SHORTEST = 3.0

@@ -112,3 +112,13 @@ def test_white_noise_stays_white(noise):
     white = draws(4, 'white').standard_normal(noise.shape)
     found = over_rests(recorded(RESTS, white), RESTS)
     assert found is None or found[0].share < 0.05
+
+
+def test_of_hours_of_rest_every_rest_counts_with_its_beginning():
+    t = PERIOD * np.arange(300_000)
+    rests = ((0.0, 500.0), (1000.0, 1002.0), (1500.0, 2500.0))
+    kept = rest_colour._kept(t, rests)
+    assert rest_colour.MOST_SAMPLES <= len(kept) <= rest_colour.MOST_SAMPLES + len(rests)
+    for start, end in rests:
+        inside = t[kept][(t[kept] >= start) & (t[kept] < end)]
+        assert inside[0] == pytest.approx(start) and np.allclose(np.diff(inside), PERIOD)
