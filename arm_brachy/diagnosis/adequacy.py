@@ -4,14 +4,15 @@ A sum of squares over everything drowns a small systematic part in the noise of 
 every channel is correlated with what a missed effect would follow (depth, its square, direction,
 speed, time, a constant), nuisances and the accepted cause projected out; the largest of these
 correlations is judged against its own distribution under the model, correlations between the tests
-included.
+included. An effect goes in any direction, seldom along an axis: tests that differ in that alone are
+also judged together.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 DRAWS = 5_000      # of the largest |z| under the model: its 0.1 % point to a half
 RANK = 1e-6        # of the largest eigenvalue of the tests' covariance: below, they repeat others
@@ -22,8 +23,9 @@ ALIVE = 0.02       # of its length: what the model leaves of a column for it to 
 class Scan:
     """Structured tests of one residual.
 
-    z : (m,) each standard normal if the model is right;  worst : index of the largest |z|
-    chance : probability that noise alone makes some |z| as large
+    z : (m,) each standard normal if the model is right
+    worst : index of the test that stands out most; of tests that do together, of the largest |z|
+    chance : probability that noise alone makes some test, or some together, stand out as much
     """
 
     z: np.ndarray
@@ -31,14 +33,16 @@ class Scan:
     chance: float
 
 
-def scan(U, r, columns, rng, *, draws=DRAWS):
+def scan(U, r, columns, rng, *, together=(), draws=DRAWS):
     """Return the Scan of a residual.
 
     U : (n, k) all that the model allows, as in `inference`;  r : (n,) whitened residual
     columns : (n, m) what to look for; a column that the model explains wholly gets z = 0
-    rng : numpy.random.Generator for the distribution of the largest |z|
+    rng : numpy.random.Generator for the distribution of what stands out most
+    together : indices of columns that are one effect in several directions, a sequence for each
     Score tests: with C = I + U U', z_j = x_j' C^-1 r / sqrt(x_j' C^-1 x_j) (Rao 1948, Proc Camb
-    Philos Soc 44:50); jointly normal with the correlations of the x_j in C^-1.
+    Philos Soc 44:50); jointly normal with the correlations R of the x_j in C^-1. Of d together
+    z' R^-1 z is a chi-square of d degrees of freedom. The least chance of all stands out most.
     """
     factor = cholesky(np.eye(U.shape[1]) + U.T @ U, lower=True)
     told = r - U @ cho_solve((factor, True), U.T @ r)
@@ -51,21 +55,61 @@ def scan(U, r, columns, rng, *, draws=DRAWS):
     kept = np.flatnonzero(size > ALIVE)
     z = np.zeros(len(size))
     z[kept] = (unit.T @ told)[kept] / size[kept]
-    worst = int(np.argmax(np.abs(z)))
+    if not len(kept):
+        return Scan(z, 0, 1.0)
     correlation = covariance[np.ix_(kept, kept)] / np.outer(size[kept], size[kept])
-    return Scan(z, worst, _chance(np.abs(z[worst]), correlation, rng, draws))
+    largest, least, groups = _standing_out(z[kept], correlation, _among(kept, together))
+    return Scan(z, int(kept[largest]), _chance(least, correlation, groups, rng, draws))
 
 
-def _chance(largest, correlation, rng, draws):
-    """Share of draws of normals with this correlation in which some |z| reaches `largest`.
+@dataclass(frozen=True)
+class _Together:
+    """Tests judged as one. members : (g, d) of g groups;  roots : (g, d, d), z' R^-1 z = |z R|^2"""
 
+    members: np.ndarray
+    roots: np.ndarray
+
+    def squares(self, z):
+        """(s, g) chi-squares of normals z (s, m)."""
+        return np.sum(np.square(np.einsum('sgd,gde->sge', z[:, self.members], self.roots)), axis=2)
+
+
+def _among(kept, together):
+    """Lists of positions in `kept` of groups of columns that still have two or more of them."""
+    at = {int(column): i for i, column in enumerate(kept)}
+    left = ([at[column] for column in group if column in at] for group in together)
+    return [group for group in left if len(group) > 1]
+
+
+def _standing_out(z, correlation, groups):
+    """Position of the test that stands out most, the log chance of that, _Together by size."""
+    best, least = int(np.argmax(np.abs(z))), np.log(2.0) + norm.logsf(np.abs(z).max())
+    judged = []
+    for size in sorted({len(group) for group in groups}):
+        members = np.array([group for group in groups if len(group) == size])
+        power, shape = np.linalg.eigh(
+            correlation[members[:, :, None], members[:, None, :]].astype(float))
+        apart = power[:, 0] > ALIVE**2 * power[:, -1]   # else one repeats the others
+        one = _Together(members[apart], shape[apart] / np.sqrt(power[apart])[:, None, :])
+        chances = chi2.logsf(one.squares(z[None])[0], size)
+        judged.append(one)
+        if len(chances) and chances.min() < least:
+            least, group = chances.min(), members[apart][chances.argmin()]
+            best = int(group[np.argmax(np.abs(z[group]))])
+    return best, float(least), judged
+
+
+def _chance(least, correlation, judged, rng, draws):
+    """Share of draws of normals with this correlation in which some test stands out as much.
+
+    least : log chance of the one that does;  judged : _Together
     Where the sum of all their chances (Bonferroni) is below what draws resolve, that sum.
     """
-    if not len(correlation):
-        return 1.0
-    bound = 2.0 * float(norm.sf(largest)) * len(correlation)
+    bound = float(np.exp(least)) * (len(correlation) + sum(len(one.members) for one in judged))
     if bound < 1.0 / draws:
         return bound
+    limit = norm.isf(0.5 * np.exp(least))
+    limits = [chi2.isf(np.exp(least), one.members.shape[1]) for one in judged]
     power, shape = np.linalg.eigh(correlation.astype(np.float32))
     kept = power > RANK * power[-1]
     root = (shape[:, kept] * np.sqrt(power[kept])).T
@@ -73,5 +117,8 @@ def _chance(largest, correlation, rng, draws):
     for start in range(0, draws, block):
         count = min(block, draws - start)
         drawn = rng.standard_normal((count, len(root)), dtype=np.float32) @ root
-        reached += int(np.sum(np.abs(drawn).max(axis=1) >= largest))
+        beyond = np.abs(drawn).max(axis=1) >= limit
+        for one, most in zip(judged, limits, strict=True):
+            beyond |= (one.squares(drawn) >= most).any(axis=1)
+        reached += int(np.sum(beyond))
     return (reached + 1) / (draws + 1)

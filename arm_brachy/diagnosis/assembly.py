@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 from arm_brachy.diagnosis.beside_nulls import set_up_of
 from arm_brachy.diagnosis.decide import Explanation, Problem
 from arm_brachy.diagnosis.nuisances import MODULUS
-from arm_brachy.diagnosis.structured_tests import structured_tests
+from arm_brachy.diagnosis.structured_tests import in_directions, structured_tests
 
 PART = 0.2      # of the deepest, for a push to count; wobble at rest reaches some hundredths
 
@@ -70,7 +70,7 @@ def assemble(matched, tried, sound=0):
                          for one, part in zip(tried.hypotheses, columns, strict=True))
     problem = Problem(np.concatenate([m.r for m in matched]), U,
                       np.concatenate([m.kinds for m in matched]), tests, explanations,
-                      load_cases(matched, sound))
+                      load_cases(matched, sound), in_directions(labels))
     return Assembly(matched, tried, problem, labels, names, sound)
 
 

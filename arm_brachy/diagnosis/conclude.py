@@ -23,6 +23,7 @@ from arm_brachy.diagnosis.whereabouts import CENTRES, marker_place, place_of, pl
 VISIBLE = 3.0       # standard deviations that an effect of typical size must make to be seen
 MOST = 12           # alternatives that are told
 LOUD = 1e-3         # chance of noise, of all markers, below which one shows more than that
+WIDTHS = (1, 5, 15)     # states
 TOLD = 0.5          # of its prior: a modulus less sure than that was not measured
 
 
@@ -151,8 +152,7 @@ def unexplained(assembly, worst, left):
     """(places, intervals) of what is left (N,); worst : number of the test that stands out.
 
     What all channels show together is where and when its test says: single markers say nothing.
-    Else also where the markers are that show more than noise, and when that is in the recordings
-    of the channel.
+    Else also where the markers are that show more than noise, and when that is in its channel.
     """
     label = assembly.tests[worst]
     if isinstance(label, Past | Turn):
@@ -160,11 +160,31 @@ def unexplained(assembly, worst, left):
     around = marker_place(assembly.matched[0].baseline.model.specimen.scene,
                           _beyond_noise(assembly, left))
     (kind, channel, _), _ = label
-    there = np.concatenate([np.full(len(m.r), any((row.kind, row.channel) == (kind, channel)
-                                                  for row in m.observables.rows))
-                            for m in assembly.matched])
+    there = [_steadier(m.observables.rows, rows, (kind, channel))
+             for m, rows in split_rows(assembly, left)]
     return (*places_of_test(label), *([] if around is None else [around])), _times(
-        assembly, np.where(there, left, 0.0))
+        assembly, np.concatenate(there))
+
+
+def _steadier(rows, values, channel):
+    """Sums (N,) of a channel's values over as many states as make them stand out most; 0 elsewhere.
+
+    rows : (N,) observables.Row;  channel : kind and name
+    Each sum is over the root of its number, as noise grows: a faint drift is in no single state.
+    """
+    series = {}
+    for i, row in enumerate(rows):
+        if (row.kind, row.channel) == channel:
+            series.setdefault(row.axis, []).append(i)
+    ways = []
+    for width in WIDTHS:
+        way = np.zeros(len(values))
+        for mine in series.values():
+            if len(mine) >= width:
+                count = np.convolve(np.ones(len(mine)), np.ones(width), mode='same')
+                way[mine] = np.convolve(values[mine], np.ones(width), mode='same') / np.sqrt(count)
+        ways.append(way)
+    return max(ways, key=lambda way: np.abs(way).max())
 
 
 def _beyond_noise(assembly, left):

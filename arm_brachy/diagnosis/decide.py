@@ -95,6 +95,7 @@ class Problem:
     tests : (n, m) columns of structured tests (`structured_tests`)
     explanations : tuple of Explanation
     pushes : (n,) number of the load case of every row, -1 = none (`assembly.load_cases`)
+    together : indices of tests that are one effect in several directions (`adequacy.scan`)
     """
 
     r: np.ndarray
@@ -103,6 +104,7 @@ class Problem:
     tests: np.ndarray
     explanations: tuple
     pushes: np.ndarray
+    together: tuple = ()
 
 
 @dataclass(frozen=True)
@@ -457,7 +459,8 @@ class Judge:
 
     def _scan(self, explanations):
         U = np.hstack([self.problem.U, *(e.columns for e in explanations)])
-        return scan(U, self.problem.r, self.problem.tests, self._rng)
+        return scan(U, self.problem.r, self.problem.tests, self._rng,
+                    together=self.problem.together)
 
     def _equals(self, accepted, ranked):
         """Candidates that are not told from the accepted one, each cause at its best variant.

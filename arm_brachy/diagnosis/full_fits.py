@@ -14,7 +14,7 @@ from arm_brachy.diagnosis.laplace import gain_over_response
 from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue, past_errors
 from arm_brachy.diagnosis.model_error import Accuracy
 from arm_brachy.diagnosis.pooled_tests import Past
-from arm_brachy.diagnosis.structured_tests import structured_tests
+from arm_brachy.diagnosis.structured_tests import in_directions, structured_tests
 
 AS_GOOD = 1.0       # gain of a full fit in log density, below which its response does as well
 
@@ -146,7 +146,8 @@ class FullFits:
         past = np.array([isinstance(label, Past) for label in labels])
         U = np.hstack([U, past_errors(tests[:, past], size)])
         weight = 1.0 / np.sqrt(1.0 + np.square(size))
-        return scan(weight[:, None] * U, weight * r, weight[:, None] * tests, self._rng)
+        return scan(weight[:, None] * U, weight * r, weight[:, None] * tests, self._rng,
+                    together=in_directions(labels))
 
 
 def pushes_of(m):

@@ -18,9 +18,13 @@ POWERS = (1, 2)     # of the push, that an angle may follow
 
 @dataclass(frozen=True)
 class Turn:
-    """What such a test looks for. pad : name of the one that would turn"""
+    """What such a test looks for.
+
+    pad : name of the one that would turn;  power : of its push, that the angle would follow
+    """
 
     pad: str
+    power: int
 
     @property
     def said(self):
@@ -40,7 +44,7 @@ def pad_turn_tests(matched, parts):
             turns[i] = axis
             columns.append(np.vstack([_columns(m, i, turns, *part)
                                       for m, part in zip(matched, parts, strict=True)]))
-            labels += [Turn(specimen.pads[i])] * len(POWERS)
+            labels += [Turn(specimen.pads[i], power) for power in POWERS]
     rows = sum(len(observables.rows) for observables, _ in parts)
     return np.hstack([np.zeros((rows, 0)), *columns]), tuple(labels)
 

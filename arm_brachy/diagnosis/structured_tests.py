@@ -9,8 +9,8 @@ Test: diagnosis/theorems/test_pasts.py
 import numpy as np
 
 from arm_brachy.diagnosis.motion import TOUCH
-from arm_brachy.diagnosis.pad_turn_tests import pad_turn_tests
-from arm_brachy.diagnosis.pooled_tests import pooled_tests
+from arm_brachy.diagnosis.pad_turn_tests import Turn, pad_turn_tests
+from arm_brachy.diagnosis.pooled_tests import Past, pooled_tests
 
 
 def structured_tests(matched, parts=None):
@@ -25,6 +25,20 @@ def structured_tests(matched, parts=None):
     together, past = pooled_tests(matched, parts)
     turned, turns = pad_turn_tests(matched, parts)
     return np.hstack([alone, together, turned]), (*channels, *past, *turns)
+
+
+def in_directions(labels):
+    """Lists of the indices of tests, by their labels, that are one effect in several directions."""
+    groups = {}
+    for i, one in enumerate(labels):
+        if isinstance(one, Turn):
+            groups.setdefault((one.pad, one.power), []).append(i)
+        elif not isinstance(one, Past):
+            (kind, channel, _), feature = one
+            groups.setdefault((kind, channel, feature), []).append(i)
+        elif one.moved:
+            groups.setdefault((one.history, one.pad, one.moved), []).append(i)
+    return tuple(groups.values())
 
 
 def _by_channel(matched, parts):

@@ -31,7 +31,21 @@ def test_a_channel_says_when_in_the_recordings_that_have_it(monkeypatch):
         rows=[Row('force', 'pad_1', axis=2, state=k) for k in range(5)]))
     assembly.matched = (*assembly.matched, other)
     _, when = unexplained(assembly, 0, np.ones(ROWS * len(MARKERS) + 5))
-    assert not when[:-5].any() and np.all(when[-5:] == 1.0)
+    assert not when[:-5].any() and np.all(when[-5:] >= 1.0)
+
+
+def test_a_drift_too_faint_for_any_state_says_when_it_began(monkeypatch):
+    """0.9 sd in each of three axes from the 40th of 60 states on; noise alone is as large."""
+    monkeypatch.setattr('arm_brachy.diagnosis.conclude._times', lambda assembly, values: values)
+    assembly = made_up()
+    rows = [Row('force', 'pad_1', axis=axis, state=k) for axis in range(3) for k in range(ROWS)]
+    assembly.matched[0].observables.rows = rows
+    late = np.tile(np.arange(ROWS) >= 40, 3)
+    values = np.random.default_rng(5).normal(size=len(rows)) + 0.9 * late
+    _, when = unexplained(assembly, 0, values)
+    shown = np.sqrt(np.mean(np.square(when.reshape(3, ROWS)), axis=0))
+    assert np.all(np.flatnonzero(shown > 0.6 * shown.max()) >= 37)
+    assert shown[45:].min() > 0.3 * shown.max()
 
 
 def test_when_is_told_of_no_null_recording(monkeypatch):

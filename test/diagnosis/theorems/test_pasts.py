@@ -10,7 +10,7 @@ from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.law_error import SPILL, past_errors
 from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.stream import ENCODER, FORCE, OPTICAL
-from arm_brachy.diagnosis.structured_tests import structured_tests
+from arm_brachy.diagnosis.structured_tests import in_directions, structured_tests
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.diagnosis.whereabouts import places_of_test
 from arm_brachy.tissue.newton import StaticSolver
@@ -40,7 +40,8 @@ def with_gap(path, width):
 def scanned(matched):
     """(adequacy.Scan, labels) of a Matched without any cause."""
     columns, labels = structured_tests([matched])
-    return scan(matched.U, matched.r, columns, np.random.default_rng(3)), labels
+    return scan(matched.U, matched.r, columns, np.random.default_rng(3),
+                together=in_directions(labels)), labels
 
 
 def largest(found, labels, *, past):
