@@ -4,8 +4,8 @@ A sum of squares over everything drowns a small systematic part in the noise of 
 every channel is correlated with what a missed effect would follow (depth, its square, direction,
 speed, time, a constant), nuisances and the accepted cause projected out; the largest of these
 correlations is judged against its own distribution under the model, correlations between the tests
-included. An effect goes in any direction, seldom along an axis: tests that differ in that alone are
-also judged together.
+included. An effect goes in any direction, seldom along an axis: tests that differ in that alone
+are also judged together.
 """
 
 from dataclasses import dataclass
@@ -64,7 +64,10 @@ def scan(U, r, columns, rng, *, together=(), draws=DRAWS):
 
 @dataclass(frozen=True)
 class _Together:
-    """Tests judged as one. members : (g, d) of g groups;  roots : (g, d, d), z' R^-1 z = |z R|^2"""
+    """Tests judged as one.
+
+    members : (g, d) of g groups;  roots : (g, d, d) of which z' R^-1 z is the square of z times it
+    """
 
     members: np.ndarray
     roots: np.ndarray

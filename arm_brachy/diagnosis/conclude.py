@@ -167,9 +167,9 @@ def unexplained(assembly, worst, left):
 
 
 def _steadier(rows, values, channel):
-    """Sums (N,) of a channel's values over as many states as make them stand out most; 0 elsewhere.
+    """Sums (N,) of a channel's values over as many states as make them stand out most.
 
-    rows : (N,) observables.Row;  channel : kind and name
+    rows : (N,) observables.Row;  channel : kind and name;  zero in all others
     Each sum is over the root of its number, as noise grows: a faint drift is in no single state.
     """
     series = {}

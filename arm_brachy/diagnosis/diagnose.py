@@ -31,6 +31,7 @@ from arm_brachy.diagnosis.from_finding import (
 from arm_brachy.diagnosis.given import given, occasions_of, onsets_in
 from arm_brachy.diagnosis.hypotheses import try_all
 from arm_brachy.diagnosis.judgement import judged
+from arm_brachy.diagnosis.limits import limits_of
 from arm_brachy.diagnosis.matched import match
 from arm_brachy.diagnosis.mesh_errors import ensemble_of
 from arm_brachy.diagnosis.modulus import modulus_ratio, scaled
@@ -224,7 +225,8 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
         apart=min((float(c.separation) for c in decision.equals), default=None),
         nearest=None if verdict != 'unexplained' else conclude.nearest_of(
             assembly, decision, judgement.fits, ratio, tests),
-        findings=tuple(f for one in looked for f in one.structure.findings), notes=tuple(notes))
+        findings=tuple(f for one in looked for f in one.structure.findings), notes=tuple(notes),
+        limits=limits_of(assembly))
     return Answer(diagnosis, Shown(body_of(scene, specimen.mesh),
                                    traces(assembly, explanations),
                                    partials(assembly, explanations)))

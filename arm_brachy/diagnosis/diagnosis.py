@@ -1,5 +1,6 @@
 """The answer of a diagnosis: everything that is said, in one object that checks itself."""
 
+import dataclasses
 import json
 import math
 from dataclasses import dataclass, field
@@ -44,6 +45,7 @@ class Diagnosis:
     causes : cause.Cause;  option 0 holds in any case, of the other options one
     where, when : statements.Place and statements.Interval, most certain first
     alternatives : statements.Alternative that were considered and lost, best first
+    limits : statements.Limit of what was tried;  () = not known
     fit : statements.StreamFit per stream, on what was held out
     next_experiment : statements.NextExperiment or None
     recalibrated : 'E', 'nu' -> cause.Estimate [Pa, 1], fitted whatever else was found
@@ -73,6 +75,7 @@ class Diagnosis:
     nearest: object = None
     findings: tuple = ()
     notes: tuple = ()
+    limits: tuple = ()
 
     def __post_init__(self):
         if self.verdict not in VERDICTS:
@@ -134,6 +137,7 @@ def _body(d):
         'when': [_interval(interval) for interval in d.when],
         'causes': [_cause(cause) for cause in d.causes],
         'alternatives': [_alternative(d, one) for one in d.alternatives],
+        'would_have_shown_from': [dataclasses.asdict(one) for one in d.limits],
         'fit': [_fit(one) for one in d.fit],
         'next_experiment': None if d.next_experiment is None else _next(d.next_experiment),
         'scene': d.scene,

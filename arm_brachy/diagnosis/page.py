@@ -11,6 +11,7 @@ from arm_brachy.core.quantity import UNITS, quantities
 from arm_brachy.core.scene import Material
 from arm_brachy.diagnosis import wording, words
 from arm_brachy.diagnosis.figures import fit_plate, when_plate, where_plate
+from arm_brachy.diagnosis.limits import SHOWS
 from arm_brachy.diagnosis.partial_residuals import partial_plate
 from arm_brachy.diagnosis.statements import edge_unit
 from arm_brachy.evaluation.body_place import Body
@@ -32,6 +33,8 @@ PARAMETERS = (Column('Parameter', numeric=False), Column('Meaning', numeric=Fals
               Column('Value'), Column('90 % interval'), Column('Unit', numeric=False))
 ALTERNATIVES = (Column('Explanation', numeric=False), Column('Held-out score', 'nat'),
                 Column('Why it lost', numeric=False))
+LIMITS = (Column('Explanation', numeric=False), Column('Parameter', numeric=False),
+          Column('From'), Column('Unit', numeric=False), Column('Of what is typical', '%'))
 FINDINGS = (Column('Stream', numeric=False), Column('Channel', numeric=False),
             Column('Finding', numeric=False), Column('Size', 'sd'), Column('From', 's'),
             Column('To', 's'))
@@ -93,7 +96,7 @@ def write_diagnosis(d, shown, out_html):
                            for one in d.when]),
         options=_options(d, shown.body), gains=[words.improvement(one) for one in d.fit],
         certainty=_typeset(words.certainty(d)), nearest=_nearest(d),
-        alternatives=_alternative_grid(d),
+        alternatives=_alternative_grid(d), limits=_limit_grid(d),
         request='' if d.next_experiment is None else words.request(d.next_experiment),
         moves=_yaml(d.next_experiment), corrected=d.scene,
         corrected_has_causes=any(cause.physical for cause in d.causes),
@@ -214,6 +217,16 @@ def _alternative_grid(d):
     return Grid(ALTERNATIVES, (*named, *lost), (
         'Score: gain in the natural logarithm of the probability of what was held out, over the '
         'recalibrated model without new physics; below zero it predicts worse.'))
+
+
+def _limit_grid(d):
+    return Grid(LIMITS, tuple(
+        (_terms((one.term,)), Cell(wording.spoken(one.parameter)),
+         Cell(_typeset(f'{one.value:.2g}')), Cell('' if one.unit == '1' else one.unit),
+         Cell(f'{100.0 * one.typical_sizes:.2g}')) for one in d.limits), (
+        f'Where it would make {SHOWS:g} standard deviations beside all that is recalibrated, at '
+        'half of the places tried or more. In proportion to what it does at about its typical '
+        'size: what gives way shows earlier.'))
 
 
 def _terms(terms):

@@ -108,6 +108,22 @@ class Alternative:
 
 
 @dataclass(frozen=True)
+class Limit:
+    """From what size on these recordings would have shown a cause.
+
+    term : of the registry;  parameter : its name, of a vector with the axis
+    unit, value : as printed at the edges, '1' = none
+    typical_sizes : the same in sizes that are typical
+    """
+
+    term: str
+    parameter: str
+    unit: str
+    value: float
+    typical_sizes: float
+
+
+@dataclass(frozen=True)
 class Nearest:
     """What comes nearest where nothing explains all: no claim, its numbers are told without error.
 

@@ -28,7 +28,7 @@ def structured_tests(matched, parts=None):
 
 
 def in_directions(labels):
-    """Lists of the indices of tests, by their labels, that are one effect in several directions."""
+    """Lists of indices of tests, by their labels, that are one effect in several directions."""
     groups = {}
     for i, one in enumerate(labels):
         if isinstance(one, Turn):

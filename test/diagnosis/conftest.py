@@ -15,6 +15,7 @@ from arm_brachy.diagnosis.page import Shown
 from arm_brachy.diagnosis.statements import (
     Alternative,
     Interval,
+    Limit,
     Nearest,
     NextExperiment,
     Place,
@@ -102,7 +103,9 @@ def nothing_missing():
                       Alternative(('viscoelasticity',), -1.2)),
         fit=(StreamFit('optical', 0.153e-3, 0.151e-3, 0.15e-3, held_out='pairs'),
              StreamFit('em', 0.312e-3, 0.303e-3, 0.3e-3, held_out='pairs')),
-        recalibrated={'E': Estimate(5.96e3, 5.84e3, 6.08e3)}, chance=0.38)
+        recalibrated={'E': Estimate(5.96e3, 5.84e3, 6.08e3)}, chance=0.38,
+        limits=(Limit('backlash', 'width', 'mm', 0.0432, 0.14),
+                Limit('inclusion', 'ratio', '1', 2.71, 0.85)))
 
 
 def unexplained():

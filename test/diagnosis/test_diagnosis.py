@@ -100,6 +100,13 @@ def test_fit_is_per_stream_in_its_unit(answers):
     assert body(answers['nothing_missing'])['fit'][0]['with_the_causes'] is None
 
 
+def test_limits_are_told_in_edge_units(answers):
+    first, _ = body(answers['nothing_missing'])['would_have_shown_from']
+    assert first == {'term': 'backlash', 'parameter': 'width', 'unit': 'mm', 'value': 0.0432,
+                     'typical_sizes': 0.14}
+    assert body(answers['named'])['would_have_shown_from'] == []
+
+
 def test_next_experiment_holds_moves_that_a_scenario_takes(answers):
     asked = body(answers['equivalent'])['next_experiment']
     scenario = config.from_mapping(Scenario, {

@@ -108,6 +108,13 @@ def test_nothing_missing_claims_no_place_and_no_cause(pages):
     assert not {'Where', 'When', 'What', 'The corrected scene'} & set(page.headings)
 
 
+def test_what_would_have_shown_has_its_size_and_unit(pages):
+    page = pages['nothing_missing']
+    assert 'What these recordings would have shown' in page.headings
+    assert 'backlash width 0.043 mm 14 inclusion ratio 2.7 85' in page.text
+    assert 'What these recordings would have shown' not in pages['named'].headings
+
+
 def test_a_scene_with_nothing_but_a_modulus_says_so(answers, shown, tmp_path):
     sound = replace(answers['nothing_missing'], scene='corrected.yaml')
     page = Page(write_diagnosis(sound, bare(shown(sound)), tmp_path / 'page.html'))

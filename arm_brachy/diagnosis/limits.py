@@ -1,0 +1,50 @@
+"""From what size on would these recordings have shown a cause?
+
+"Nothing is missing" says little where nothing would have shown. Of every cause that was tried,
+what its response makes in standard deviations, beside all that needs no cause, says how large it
+would have to be, to first order.
+Test: diagnosis/theorems/test_limits.py
+"""
+
+from collections import defaultdict
+
+import numpy as np
+
+from arm_brachy.core.quantity import UNITS, quantities
+from arm_brachy.diagnosis.inference import detectability
+from arm_brachy.diagnosis.statements import Limit
+
+SHOWS = 5.0     # sd: after what a cause pays for its numbers and places, about where it is claimed
+FAR = 10.0      # typical sizes: no first order reaches further
+FAINT = 1e-9    # sd: nothing
+
+
+def limits_of(assembly):
+    """statements.Limit of every cause tried in an assembly.Assembly, the smallest first; a tuple.
+
+    Of several parameters the one that shows first, at a place (or actuator, ...) that half of
+    those tried do no better than. What shows from FAR typical sizes only is left out.
+    """
+    tried, problem = assembly.tried.hypotheses, assembly.problem
+    if not tried:
+        return ()
+    columns = [explanation.columns for explanation in problem.explanations]
+    sizes = np.split(detectability(problem.U, np.hstack(columns)),
+                     np.cumsum([part.shape[1] for part in columns])[:-1])
+    of_cause = defaultdict(list)
+    for hypothesis, size in zip(tried, sizes, strict=True):
+        spread = np.array([s.spread for s in hypothesis.strengths])
+        needed = SHOWS * spread / np.maximum(size, FAINT)
+        k = int(needed.argmin())
+        of_cause[hypothesis.name].append((float(needed[k]), k, hypothesis))
+    halfway = {name: sorted(some, key=lambda one: one[0])[len(some) // 2]
+               for name, some in of_cause.items()}
+    return tuple(_limit(*halfway[name]) for name in sorted(halfway, key=lambda n: halfway[n][0])
+                 if halfway[name][0] <= FAR)
+
+
+def _limit(typical_sizes, k, hypothesis):
+    strength = hypothesis.strengths[k]
+    info = quantities(hypothesis.cls)[strength.name]
+    return Limit(hypothesis.name, strength.label, UNITS[info.unit][1],
+                 strength.value(typical_sizes) / info.scale, typical_sizes)

@@ -1,0 +1,73 @@
+"""From what size on a cause would have shown, by recordings in which it is as large as that."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from arm_brachy.core.config import to_mapping
+from arm_brachy.diagnosis.assembly import assemble
+from arm_brachy.diagnosis.hypotheses import Tried
+from arm_brachy.diagnosis.inference import detectability
+from arm_brachy.diagnosis.limits import FAR, SHOWS, limits_of
+from arm_brachy.diagnosis.responses import respond
+from arm_brachy.registry import by_name
+
+
+def assembled(matched, hypotheses):
+    return assemble((matched,), Tried(tuple(hypotheses), tuple(
+        (respond(matched.baseline, one),) for one in hypotheses)))
+
+
+@pytest.mark.parametrize('name, place', [
+    ('actuator_gain', {'actuators': (0,)}), ('force_gain', {'pads': ('pad_1',)}),
+    ('strain_stiffening', {})])
+def test_a_cause_as_large_as_its_limit_makes_so_many_standard_deviations(breast, rich, cause,
+                                                                         name, place):
+    """By the full model with it, beside the same nuisances."""
+    limit, made = made_at_limit(breast, rich, cause(name, **place))
+    assert made == pytest.approx(SHOWS, rel=0.1)
+    assert limit.term == name and 0.0 < limit.typical_sizes < FAR
+
+
+def test_a_support_that_gives_way_shows_rather_earlier(breast, rich, cause):
+    """The softer it is the less more softness does: its response is that of a typical one."""
+    _, made = made_at_limit(breast, rich, cause('base_compliance'))
+    assert SHOWS < made < 3.0 * SHOWS
+
+
+def made_at_limit(lab, path, hypothesis):
+    """(statements.Limit, standard deviations by the full model) of a cause in a recording."""
+    matched = lab.watch(path)
+    limit, = limits_of(assembled(matched, [hypothesis]))
+    k = [s.label for s in hypothesis.strengths].index(limit.parameter)
+    term = to_mapping(hypothesis.alone(k, limit.typical_sizes))
+    effect = matched.observables.whiten(lab.changed(matched, {'name': hypothesis.name, **term}))
+    return limit, detectability(matched.U, effect)[0]
+
+
+def made_up(lengths, spread=1.0):
+    """An assembly of one cause at places where its response has these lengths [sd]."""
+    strength = SimpleNamespace(name='gain', label='gain', spread=spread,
+                               value=lambda amplitude: 0.05 * amplitude)
+    hypotheses = [SimpleNamespace(name='actuator_gain', cls=by_name('actuator_gain'),
+                                  strengths=(strength,)) for _ in lengths]
+    explanations = [SimpleNamespace(columns=length * np.eye(50)[:, :1]) for length in lengths]
+    return SimpleNamespace(tried=SimpleNamespace(hypotheses=hypotheses), problem=SimpleNamespace(
+        U=np.zeros((50, 1)), explanations=explanations))
+
+
+def test_half_of_the_places_show_it_from_there_on():
+    """Five, ten and twenty standard deviations: from half of the typical size on."""
+    limit, = limits_of(made_up([20.0, 5.0, 10.0]))
+    assert limit.typical_sizes == pytest.approx(0.5) and limit.value == pytest.approx(0.025)
+
+
+def test_a_wide_prior_makes_nothing_easier_to_see():
+    """The same response per typical size, written per prior of four of them."""
+    assert limits_of(made_up([40.0], spread=4.0))[0].typical_sizes == pytest.approx(0.5)
+
+
+def test_what_would_have_to_be_larger_than_anything_is_left_out():
+    assert limits_of(made_up([0.4])) == () == limits_of(made_up([0.0]))
+    assert len(limits_of(made_up([0.6]))) == 1
