@@ -465,8 +465,9 @@ class Judge:
     def _equals(self, accepted, ranked):
         """Candidates that are not told from the accepted one, each cause at its best variant.
 
-        Full fits tell causes whose responses are alike only where they fit worse; what would have
-        to be less than nothing is no rival, nor what would have to be as large as it never is.
+        Full fits tell causes whose responses are alike only where they fit worse, beyond what
+        their laws may have wrong; what would have to be less than nothing is no rival, nor what
+        would have to be as large as it never is.
         One that predicts better what is held out is a rival, however many numbers it takes.
         Of a pair also those in which another cause has the place of either.
         """
@@ -484,8 +485,7 @@ class Judge:
                     continue
                 apart = self._apart(accepted, rival)
                 close = accepted.evidence - rival.evidence < self.rules.rival
-                told = accepted.weighed and rival.weighed and (
-                    accepted.fit - rival.fit >= self.rules.rival)
+                told = self._fits_better(accepted, rival)
                 absurd = self._lead(accepted, rival) >= self.rules.certain
                 predicts = rival.held_out - accepted.held_out >= self.rules.held_out and not told
                 alike = apart < self.rules.apart and not told and not absurd or (
@@ -493,6 +493,12 @@ class Judge:
                 if alike and not self._gone(rival):
                     out.append(replace(rival, separation=apart))
         return tuple(out)
+
+    def _fits_better(self, accepted, rival):
+        """True if full fits tell them apart: what is accepted shows beside the rival's errors."""
+        return accepted.weighed and rival.weighed and (
+            accepted.fit - rival.fit >= self.rules.rival) and (
+            self._beyond(rival, accepted.explanations) > 0.0)
 
     def _lead(self, one, other):
         """By how much more evidence one Candidate has than another, weighed alike."""

@@ -304,16 +304,16 @@ def test_a_pair_whose_full_fit_does_not_settle_is_not_claimed(world):
 
 def test_a_second_cause_that_a_law_may_have_wrong_is_not_claimed(world):
     """Asked of what comes in, beside the single cause as it was weighed."""
-    asked, gains = [], [1.0, 100.0]
+    for gain, verdict in ((100.0, 'named'), (1.0, 'unexplained')):
+        asked = []
 
-    def beyond(tried, new):
-        asked.append((tried.causes, tuple(e.cause for e in new)))
-        return gains.pop()
-    for verdict in ('named', 'unexplained'):
+        def beyond(tried, new, gain=gain, asked=asked):
+            asked.append((tried.causes, tuple(e.cause for e in new)))
+            return gain
         decision = world.decide(world.responses[1] - 0.8 * world.responses[5], beyond=beyond,
                                 weigh=lambda one: Gain(0.0, 0.0))
         assert decision.verdict == verdict
-        first, second = asked.pop()
+        first, second = asked[0]
         assert {*first, *second} == {'cause_1', 'cause_5'}
     assert decision.nearest.causes == first
 
@@ -344,6 +344,15 @@ def test_only_what_promises_something_is_weighed():
     for seed in range(10):
         World(300 + seed).decide(0.0, weigh=lambda one: asked.append(one))
     assert len(asked) <= 1
+
+
+def test_full_fits_tell_apart_what_shows_beside_the_laws_errors(world):
+    """Ten nats between two fits, of which the worse one's law may have all wrong."""
+    like = Explanation('like', '', 2.5 * world.responses[2][:, None])
+    for gain, verdict in ((3.0, 'named'), (-1.0, 'equivalent')):
+        decision = world.decide(world.responses[2], like, beyond=lambda one, new, g=gain: g,
+                                weigh=lambda one: Gain(*2 * [10.0 * (one.causes == ('like',))]))
+        assert decision.verdict == verdict and decision.accepted.causes == ('like',)
 
 
 @pytest.mark.parametrize(('shows', 'verdict'), [((0,), 'unexplained'), ((0, 2), 'named')])
