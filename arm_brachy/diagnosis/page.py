@@ -11,7 +11,7 @@ from arm_brachy.core.quantity import UNITS, quantities
 from arm_brachy.core.scene import Material
 from arm_brachy.diagnosis import wording, words
 from arm_brachy.diagnosis.figures import fit_plate, when_plate, where_plate
-from arm_brachy.diagnosis.limits import SHOWS
+from arm_brachy.diagnosis.limits import FAR, SHOWS
 from arm_brachy.diagnosis.partial_residuals import partial_plate
 from arm_brachy.diagnosis.statements import edge_unit
 from arm_brachy.evaluation.body_place import Body
@@ -226,7 +226,8 @@ def _limit_grid(d):
          Cell(f'{100.0 * one.typical_sizes:.2g}')) for one in d.limits), (
         f'Where it would make {SHOWS:g} standard deviations beside all that is recalibrated, at '
         'half of the places tried or more. In proportion to what it does at about its typical '
-        'size: what gives way shows earlier.'))
+        'size: what gives way shows earlier. What is not listed was not tried, or would not show '
+        f'at {FAR:g} times its typical size.'))
 
 
 def _terms(terms):
