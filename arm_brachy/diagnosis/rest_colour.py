@@ -47,7 +47,7 @@ def over_rests(stream, rests):
     between, within = (_Likelihood(t, y, valid, stream.period, one)
                        for one in (np.zeros_like(number), number))
     colour, gain = between.likeliest()
-    if gain < SURE or not _is_noise(colour.time, stream, rests):
+    if gain < SURE or not _is_noise(colour, stream, rests):
         return None
     if within.likeliest()[1] - within.gain(colour) > HELD * y.shape[1]:
         return None
@@ -145,36 +145,54 @@ def _costs(t, y, valid, number, share, time):
     return out
 
 
-def _is_noise(time, stream, rests):
-    """True if what lasts for `time` [s] between rests is no drift and not the tissue's past.
+def _is_noise(colour, stream, rests):
+    """True if what has a Colour between rests is no drift and not the tissue's past.
 
     Noise is every channel's own, while tissue that remembers, a frame or a base that moves shows
-    in many: squared correlations of their means are 1 / (rests - 1) on average where they have
-    nothing in common, with a variance of 2 (rests - 2) / (rests + 1) times the square of that.
-    Axes of one channel may have noise in common.
+    in many. Squared correlations of their means are 1 / n on average where they have nothing in
+    common, n being the number of independent rests less one (Bartlett 1935, J R Stat Soc 98:536),
+    with a variance of 2 (n - 1) / (n + 2) times the square of that. Axes of one channel may have
+    noise in common.
     Where rests or channels are too few to tell, what lasts for LONGEST_MEMORY is taken for them.
     """
+    time = colour.time
     if time >= min(LONGEST_SLOW, PART * (rests[-1][1] - rests[0][0])):
         return False
-    means, channel = _means(stream, rests)
+    means, channel, spans = _means(stream, rests)
     if len(means) < FEWEST_RESTS or means.shape[1] < FEWEST_CHANNELS:
         return time < LONGEST_MEMORY
     unit, (i, j) = means / np.linalg.norm(means, axis=0), np.triu_indices(means.shape[1], 1)
     other = channel[i] != channel[j]
     if not other.any():
         return time < LONGEST_MEMORY
-    alike = (unit.T @ unit)[i[other], j[other]]**2 * (len(means) - 1)
-    error = np.sqrt(2.0 * (len(means) - 2) / (len(means) + 1) / len(alike))
+    independent = _independent(colour, stream, spans)
+    alike = (unit.T @ unit)[i[other], j[other]]**2 * independent
+    error = np.sqrt(2.0 * max(independent - 1.0, 0.0) / (independent + 2.0) / len(alike))
     return alike.mean() < 1.0 + max(IN_COMMON, SIGNIFICANT * error)
 
 
+def _independent(colour, stream, spans):
+    """What a sum of squares of means over `spans`, noise of a Colour, about their mean counts as.
+
+    The number of independent ones less one; less the longer noise lasts against what is between.
+    """
+    t = np.array([stream.t[one].mean() for one in spans])
+    count = np.array([one.stop - one.start for one in spans])
+    covariance = np.array(colour.correlation(t[:, None] - t))
+    np.fill_diagonal(covariance, colour.mean_variance(count, stream.period))
+    about = covariance - covariance.mean(axis=0)
+    about = about - about.mean(axis=1)[:, None]
+    return float(np.trace(about)**2 / np.sum(about**2))
+
+
 def _means(stream, rests):
-    """(means (r, c), channel (c,)) of what changes, over rests in which all channels are seen."""
+    """(means (r, c), channel (c,), slices (r,)) of what changes, where all channels are seen."""
     spans = [slice(*np.searchsorted(stream.t, span)) for span in rests]
+    spans = [one for one in spans if stream.valid[one].any(axis=0).all()]
     means = [np.nanmean(np.where(stream.valid[one][..., None], stream.values[one], np.nan), axis=0)
-             for one in spans if stream.valid[one].any(axis=0).all()]
+             for one in spans]
     k, axes = stream.values.shape[1:]
     means = np.array(means).reshape(len(means), k * axes)
     means = means - means.mean(axis=0) if len(means) else means
     kept = means.any(axis=0)
-    return means[:, kept], np.repeat(np.arange(k), axes)[kept]
+    return means[:, kept], np.repeat(np.arange(k), axes)[kept], spans

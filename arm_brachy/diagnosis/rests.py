@@ -10,18 +10,16 @@ from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.stream import ENCODER
 
 SETTLING = 0.2       # s after the pads have stopped that are no idle
-ENOUGH_IDLE = 5.0    # s of idle before the first push that make later stretches needless
+ENOUGH_IDLE = 5.0    # s of idle before the first push: later stretches tell less of fast noise
 FEWEST_RESTS = 3     # with the pads back where they began
 MOST_EXCESS = 3.0    # times the variance: what differs more between rests is no noise
 
 
 def rest_spans(evidence):
-    """Rests without a push, tuples (t_start, t_end) [s]; none if the first alone is idle enough.
+    """Rests without a push, tuples (t_start, t_end) [s]; none if they are fewer than FEWEST_RESTS.
     """
     motion = motion_of(evidence)
     stills = () if motion is None else motion.stills()
-    if not stills or stills[0][1] - stills[0][0] >= ENOUGH_IDLE:
-        return ()
     first = evidence.get(ENCODER).t[0]
     rests = [(start if start == first else start + SETTLING, end)
              for start, end, pushed in stills if not pushed and end - start > 2.0 * SETTLING]

@@ -80,6 +80,24 @@ def test_the_cost_is_that_of_the_joint_density_of_what_no_constant_changes():
                 density(0.4, 0.03, c, constants) - density(0.7, 0.2, c, constants), abs=1e-9)
 
 
+@pytest.mark.parametrize('colour', [Colour(), Colour(0.2, 1.0), Colour(0.4, 8.0)])
+def test_squared_correlations_of_what_has_nothing_in_common(colour):
+    """Means over rests of independent noise: the slower it is the fewer of them are independent."""
+    n = 9200
+    stream = recorded(FEW, np.zeros((n, 12)))
+    spans = [slice(*np.searchsorted(stream.t, span)) for span in FEW]
+    rng, squares = draws(2, 'rests'), []
+    for _ in range(60):
+        y = noise_of(colour, n, rng) if colour.share else rng.standard_normal((n, 12))
+        means = np.array([y[one].mean(axis=0) for one in spans])
+        unit = means - means.mean(axis=0)
+        unit = unit / np.linalg.norm(unit, axis=0)
+        squares.append(((unit.T @ unit)**2)[np.triu_indices(12, 1)].mean())
+    count = rest_colour._independent(colour, stream, spans)
+    assert count * np.mean(squares) == pytest.approx(1.0, abs=0.12)
+    assert count == pytest.approx(11.0) if not colour.share else count < 11.0
+
+
 def test_one_pad_under_which_the_tissue_recovers_is_no_noise(noise):
     noise[:, :3] += 0.2 * np.sin(0.5 * PERIOD * np.arange(len(noise)))[:, None]
     assert over_rests(recorded(RESTS, noise), RESTS)[0].share == pytest.approx(SHARE, abs=0.08)

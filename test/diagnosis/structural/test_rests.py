@@ -1,5 +1,7 @@
 """Rests without a push, and how much they differ beyond what the noise says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -54,16 +56,33 @@ def test_a_jump_is_no_noise_and_what_is_no_noise_has_an_end(forces):
     assert seen(wild) == MOST_EXCESS
 
 
-@pytest.mark.parametrize('before, found', [(1.0, True), (6.0, False)])
-def test_rests_count_where_the_first_is_short(laboratory, pushes, before, found):
+@pytest.mark.parametrize('before', [1.0, 6.0])
+def test_rests_are_where_no_pad_pushes(laboratory, pushes, before):
     lab = laboratory((), 8)
     run = lab.record(pushes(pads=(0, 1, 0, 1), speeds=(0.02,)), rest=before)
     spans = rest_spans(evidence_of(run, lab.scene))
-    assert bool(spans) == found
+    assert len(spans) > 3 and spans[0][1] == pytest.approx(before, abs=0.1)
     pad = run.encoder
     for start, end in spans:
         inside = (pad.t > start) & (pad.t < end)
         assert np.abs(pad.values[inside]).max() < 1e-4
+
+
+def test_slow_noise_shows_between_rests_however_long_the_first_is(laboratory, pushes):
+    """A seventh of the variance with a memory of 8 s: six seconds show half of it."""
+    lab = laboratory((), 4)
+    evidence = evidence_of(lab.record(pushes(pads=(0, 1) * 3, speeds=(0.02,)), rest=6.0),
+                           lab.scene)
+    optical, sd = evidence.streams['optical'], noise_of(evidence)['optical'].sd
+    kept, rng = np.exp(-optical.period / 8.0), draws(0, 'rests')
+    kicks = rng.standard_normal(optical.values.shape)
+    kicks[1:] *= np.sqrt(1.0 - kept**2)
+    slow = 0.4 * sd * lfilter([1.0], [1.0, -kept], kicks, axis=0)
+    louder = replace(evidence, streams={**evidence.streams, 'optical': replace(
+        optical, values=optical.values + slow)})
+    colour = noise_of(louder)['optical'].colour
+    assert noise_of(evidence)['optical'].colour.share < 0.01
+    assert colour.share == pytest.approx(0.16 / 1.16, abs=0.045) and 4.0 < colour.time < 12.0
 
 
 def test_a_short_recording_has_the_colour_of_a_long_one_and_its_own_loudness(laboratory, pushes):
