@@ -151,12 +151,15 @@ def left_over(assembly, explanations, *, mesh=False):
 def unexplained(assembly, worst, left):
     """(places, intervals) of what is left (N,); worst : number of the test that stands out.
 
-    What all channels show together is where and when its test says: single markers say nothing.
+    What all channels show together is where its test says, single markers say nothing; and when
+    what is left does as the test has it.
     Else also where the markers are that show more than noise, and when that is in its channel.
     """
     label = assembly.tests[worst]
     if isinstance(label, Past | Turn):
-        return places_of_test(label), _times(assembly, assembly.problem.tests[:, worst])
+        agreed = assembly.problem.tests[:, worst] * left
+        return places_of_test(label), _times(assembly, np.sqrt(np.maximum(
+            np.sign(agreed.sum()) * agreed, 0.0)))
     around = marker_place(assembly.matched[0].baseline.model.specimen.scene,
                           _beyond_noise(assembly, left))
     (kind, channel, _), _ = label

@@ -12,7 +12,7 @@ from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.held_out import Part, chords
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.law_error import by_nodes, law_of, widened
-from arm_brachy.diagnosis.matched import APART
+from arm_brachy.diagnosis.matched import SET_UP
 from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.motion import corners_of
 from arm_brachy.diagnosis.nuisances import MODULUS
@@ -297,7 +297,7 @@ def _part(m, given, observables, kinds, U, plain, of_mesh, found):
     """The Part; plain : what the model shows without any term."""
     return Part(observables, kinds, given, observables.residual(plain), U, m.own,
                 np.isin(m.nuisances.names, NAMES),
-                np.array([name.startswith(('frame_', APART)) for name in m.nuisances.names]),
+                np.array([name.startswith(SET_UP) for name in m.nuisances.names]),
                 of_mesh, *found)
 
 

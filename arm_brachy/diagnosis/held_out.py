@@ -17,8 +17,8 @@ class Part:
     observables : Observables;  kinds : (N,) labels
     given : (N,) measured less the scene as it came, SI;  r : (N,) whitened, less the model
     U : (N, k) whitened nuisances;  own : (k,) those that other recordings do not share
-    mesh : (k,) those of what a mesh may be wrong by;  frame : (k,) those of the tracker's frame,
-        and places that are each recording's own
+    mesh : (k,) those of what a mesh may be wrong by;  set_up : (k,) those of what is set anew
+        before each recording (`matched.SET_UP`)
     of_mesh : (N,) whitened, what finer elements would add to the model; r and named are without
     named : (N,) r of the model with what was found, its numbers taken out to first order, and
     columns : (N, p) what these numbers do, at one prior standard deviation; None = nothing found
@@ -33,7 +33,7 @@ class Part:
     U: np.ndarray
     own: np.ndarray
     mesh: np.ndarray
-    frame: np.ndarray
+    set_up: np.ndarray
     of_mesh: np.ndarray
     named: np.ndarray | None = None
     columns: np.ndarray | None = None
@@ -54,24 +54,24 @@ def stream_fits(parts, tested=()):
     Nothing of what is predicted is known beforehand, nuisances included: what a pad that is
     pushed there alone has of its own is left in. So is what the mesh is wrong by, which no model
     that runs on it is without: it is allowed for when numbers are fitted, and predicts nothing.
-    But where the tracker stands in a recording that was not fitted is no prediction: its frame,
-    which was matched to markers at rest by the scene as it came, is matched to all of it.
+    But how a recording that was not fitted was set up is no prediction: where the tracker stood,
+    zeros and where pads touched are matched to all of it, within what a laboratory leaves open.
     """
     every = (*parts, *(part for _, part in tested))
     U, mesh = stacked(every), _which(every, [part.mesh for part in every])
-    frame = _which(every, [part.frame & (i >= len(parts)) for i, part in enumerate(every)])
+    set_up = _which(every, [part.set_up & (i >= len(parts)) for i, part in enumerate(every)])
     kinds = np.concatenate([part.kinds for part in parts])
     folds = [kinds == kind for kind in np.unique(kinds)]
     if tested:
         folds = [np.repeat(np.arange(len(every)) >= len(parts), [len(p.r) for p in every])]
     asked, off = np.any(folds, axis=0), np.concatenate([part.of_mesh for part in every])
     errors = {'as_given': np.concatenate([part.given for part in every]),
-              'recalibrated': _left(every, U, (mesh, frame), np.concatenate(
+              'recalibrated': _left(every, U, (mesh, set_up), np.concatenate(
                   [p.r for p in every]), off, folds),
               'noise_floor': np.concatenate([part.observables.sd for part in every])}
     if any(part.named is not None for part in every):
         named, columns = with_found(every)
-        flags = (np.pad(one, (0, columns.shape[1])) for one in (mesh, frame))
+        flags = (np.pad(one, (0, columns.shape[1])) for one in (mesh, set_up))
         errors['named'] = _left(every, np.hstack([U, columns]), flags, named, off, folds)
     streams = np.array([row.kind for part in every for row in part.observables.rows])
     held_out = ', '.join(name for name, _ in tested) or 'every kind of push in turn'
@@ -113,15 +113,15 @@ def _left(parts, U, flags, r, of_mesh, folds):
     """(N,) SI: what is left of r where each of `folds` (N,) is predicted from all but it.
 
     flags : two (k,) of columns of U: of the mesh, that are fitted and predict nothing, as of_mesh
-        (N,) does; of frames, that are matched to the rows of the fold themselves
+        (N,) does; of a set-up, that are matched to the rows of the fold themselves
     """
-    mesh, frame = flags
+    mesh, set_up = flags
     out = np.zeros(len(r))
     for rows in folds:
         known = np.where(mesh, 0.0, posterior(U[~rows], (r - of_mesh)[~rows]).mean)
         out[rows] = r[rows] - U[rows] @ known
-        if frame.any():
-            placed = U[rows][:, frame]
+        if set_up.any():
+            placed = U[rows][:, set_up]
             out[rows] -= placed @ posterior(placed, out[rows]).mean
     ends = np.cumsum([0, *(len(part.r) for part in parts)])
     return np.concatenate([part.observables.coloured(out[a:b]) for part, a, b in

@@ -19,6 +19,8 @@ APART = 'apart_'    # what places begin with that are not the same in all record
 # Nuisances of one recording alone; all others belong to the set-up and are the same in each.
 OWN = ('frame_', 'zero_em_', 'force_', 'clock_', 'touch_', 'timing_', 'path_', 'given',
        'restless_', 'modulus_of_nulls', APART)
+# Of these, what is set anew before each: where the tracker stands, zeros, where pads touch.
+SET_UP = ('frame_', 'zero_em_', 'force_', 'touch_', APART)
 
 
 @dataclass

@@ -7,6 +7,7 @@ import numpy as np
 from arm_brachy.diagnosis.conclude import places_of, unexplained
 from arm_brachy.diagnosis.freedom import Chart, Space
 from arm_brachy.diagnosis.observables import Row
+from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.whereabouts import radius_of
 from arm_brachy.tissue.terms.reference_shape import ReferenceShape
 
@@ -46,6 +47,19 @@ def test_a_drift_too_faint_for_any_state_says_when_it_began(monkeypatch):
     shown = np.sqrt(np.mean(np.square(when.reshape(3, ROWS)), axis=0))
     assert np.all(np.flatnonzero(shown > 0.6 * shown.max()) >= 37)
     assert shown[45:].min() > 0.3 * shown.max()
+
+
+def test_a_past_says_when_what_is_left_does_as_it_has_it(monkeypatch):
+    """Its column is as large at rest, where nothing is left but noise."""
+    monkeypatch.setattr('arm_brachy.diagnosis.conclude._times', lambda assembly, values: values)
+    assembly = made_up()
+    column = np.where(np.arange(ROWS) < 30, -1.0, 1.0)
+    assembly.tests = (Past('maximum', 'pad_1', 'pad_1'),)
+    assembly.problem = SimpleNamespace(tests=column[:, None])
+    late = np.arange(ROWS) >= 50
+    left = 0.3 * np.random.default_rng(4).normal(size=ROWS) - 3.0 * late
+    _, when = unexplained(assembly, 0, left)
+    assert np.array_equal(when > 0.6 * when.max(), late)
 
 
 def test_when_is_told_of_no_null_recording(monkeypatch):

@@ -63,11 +63,11 @@ def test_a_recording_that_was_not_fitted_is_predicted_from_those_that_were():
 def test_where_the_tracker_stood_in_a_recording_held_out_is_no_prediction():
     """Its frame is matched there; how the effect grows is not."""
     rng, alone = np.random.default_rng(5), np.ones(3, dtype=bool)
-    fitted, later = (replace(part(rng, size), own=alone, frame=alone) for size in (0.0, EFFECT))
+    fitted, later = (replace(part(rng, size), own=alone, set_up=alone) for size in (0.0, EFFECT))
     fit, = stream_fits([fitted], [('later', later)])
     assert fit.recalibrated == pytest.approx(np.hypot(EFFECT / np.sqrt(12.0), SD), rel=0.1)
-    unplaced, = stream_fits([replace(fitted, frame=~alone)],
-                            [('later', replace(later, frame=~alone))])
+    unplaced, = stream_fits([replace(fitted, set_up=~alone)],
+                            [('later', replace(later, set_up=~alone))])
     assert unplaced.recalibrated > SHIFT
 
 
@@ -75,7 +75,7 @@ def test_what_a_mesh_may_be_wrong_by_is_fitted_and_predicts_nothing():
     """Of a column of the mesh that explains all, the error stays; with the cause it goes."""
     one = part(np.random.default_rng(6))
     one = replace(one, U=np.hstack([one.U, one.columns]), own=np.zeros(4, dtype=bool),
-                  mesh=np.array([False, False, False, True]), frame=np.zeros(4, dtype=bool))
+                  mesh=np.array([False, False, False, True]), set_up=np.zeros(4, dtype=bool))
     fit, = stream_fits([one])
     # Less than the effect about its mean: the mesh was not taken for the shift.
     assert fit.recalibrated == pytest.approx(np.hypot(EFFECT / np.sqrt(3.0), SD), rel=0.1)
@@ -114,7 +114,7 @@ def test_how_far_pads_are_off_their_zeros_is_of_each_recording_alone():
 def test_a_cause_that_other_kinds_do_not_show_predicts_nothing():
     """A bump at a place, in one kind of push: held out, not even the place is known."""
     none = np.zeros(0, dtype=bool)
-    one = replace(part(np.random.default_rng(9), 0.0), own=none, mesh=none, frame=none)
+    one = replace(part(np.random.default_rng(9), 0.0), own=none, mesh=none, set_up=none)
     one = replace(one, U=one.U[:, :0])
     u = np.where(one.kinds == 'fast', np.tile(np.linspace(0.0, 1.0, N // 2), 6), -9.0)
     z = np.array([2.0, 3.0])            # how high, and where, in tenths from 0

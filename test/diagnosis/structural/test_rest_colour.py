@@ -82,7 +82,7 @@ def test_the_cost_is_that_of_the_joint_density_of_what_no_constant_changes():
 
 @pytest.mark.parametrize('colour', [Colour(), Colour(0.2, 1.0), Colour(0.4, 8.0)])
 def test_squared_correlations_of_what_has_nothing_in_common(colour):
-    """Means over rests of independent noise: the slower it is the fewer of them are independent."""
+    """Means over rests of noise: the slower it is the fewer of them are independent."""
     n = 9200
     stream = recorded(FEW, np.zeros((n, 12)))
     spans = [slice(*np.searchsorted(stream.t, span)) for span in FEW]
