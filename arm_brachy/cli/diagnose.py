@@ -26,6 +26,7 @@ from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.page import write_diagnosis
 from arm_brachy.diagnosis.pushes import moves_of
 from arm_brachy.diagnosis.statements import edge_unit
+from arm_brachy.diagnosis.wording import parameter
 
 
 @click.command()
@@ -118,6 +119,8 @@ def _show(found, folder):
         console.print(words.nearest(found), highlight=False)
     for numbers in words.numbers(found):
         console.print(f'found     {numbers}', highlight=False)
+    for name, _, *numbers in found.fitted_anyway():
+        console.print(f'fitted    {parameter(name, *numbers)}', highlight=False)
     if found.fit:
         show_table(summary('held-out error (rms per axis)', tuple(map(_row, found.fit)),
                            seed=found.provenance.seed))

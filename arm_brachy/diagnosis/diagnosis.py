@@ -121,6 +121,13 @@ class Diagnosis:
         free = [o for o in options if o != 0]
         return (*options.get(0, ()), *(options[free[0]] if free else ()))
 
+    def fitted_anyway(self):
+        """(name, meaning, unit, value, low, high) in edge units of what was recalibrated."""
+        infos = quantities(Material)
+        return [(name, infos[name].text, UNITS[infos[name].unit][1],
+                 *(infos[name].to_edge(v) for v in (one.value, one.low, one.high)))
+                for name, one in self.recalibrated.items()]
+
     def to_json(self, path=None):
         """The answer as JSON text; also written to `path` if given. NaN and infinity are null."""
         text = json.dumps(_plain(_body(self)), indent=2, allow_nan=False, ensure_ascii=False)

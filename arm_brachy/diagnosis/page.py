@@ -7,8 +7,6 @@ from io import StringIO
 from ruamel.yaml import YAML
 
 from arm_brachy.core.config import to_mapping
-from arm_brachy.core.quantity import UNITS, quantities
-from arm_brachy.core.scene import Material
 from arm_brachy.diagnosis import wording, words
 from arm_brachy.diagnosis.figures import fit_plate, when_plate, where_plate
 from arm_brachy.diagnosis.limits import FAR, SHOWS
@@ -197,12 +195,8 @@ def _parameter_grid(rows, note=''):
 
 
 def _recalibrated_grid(d):
-    infos = quantities(Material)
-    rows = [(name, infos[name].text, UNITS[infos[name].unit][1],
-             *(infos[name].to_edge(v) for v in (one.value, one.low, one.high)))
-            for name, one in d.recalibrated.items()]
-    return _parameter_grid(rows, 'Fitted whatever else was found; they are parameters of the '
-                                 'scene, not missing physics.')
+    return _parameter_grid(d.fitted_anyway(), 'Fitted whatever else was found; they are '
+                                              'parameters of the scene, not missing physics.')
 
 
 def _alternative_grid(d):

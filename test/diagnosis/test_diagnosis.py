@@ -100,6 +100,11 @@ def test_fit_is_per_stream_in_its_unit(answers):
     assert body(answers['nothing_missing'])['fit'][0]['with_the_causes'] is None
 
 
+def test_what_is_fitted_anyway_is_told_in_edge_units(answers):
+    (name, _, unit, *numbers), = answers['nothing_missing'].fitted_anyway()
+    assert (name, unit) == ('E', 'kPa') and numbers == [5.96, 5.84, 6.08]
+
+
 def test_limits_are_told_in_edge_units(answers):
     first, _ = body(answers['nothing_missing'])['would_have_shown_from']
     assert first == {'term': 'backlash', 'parameter': 'width', 'unit': 'mm', 'value': 0.0432,
