@@ -19,6 +19,7 @@ from arm_brachy.experiments import (
 )
 from arm_brachy.experiments.dome_faults import study as dome_faults
 from arm_brachy.experiments.gel_block import study as gel_block
+from arm_brachy.experiments.half_cylinder import study as half_cylinder
 
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
 
@@ -131,6 +132,10 @@ def _gel_block(results):
     return laboratory.markdown(_load(results, gel_block.NAME))
 
 
+def _half_cylinder(results):
+    return laboratory.markdown(_load(results, half_cylinder.NAME))
+
+
 def _number(value, form):
     return '-' if value is None else f'{value:{form}}'
 
@@ -146,7 +151,7 @@ def _mean(rows, key):
 
 BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers,
             'diagnosis': _diagnosis, 'laboratories': _laboratories,
-            'faults': _dome_faults, 'gel': _gel_block,
+            'faults': _dome_faults, 'gel': _gel_block, 'cylinder': _half_cylinder,
             'trials': blind_trials.markdown, 'baselines': blind_trials.baselines,
             'hides': blind_trials.hidden, 'alike': blind_trials.alike}
 
