@@ -3,14 +3,14 @@
 It is made by responses and by what full fits gain over them, with an allowance for what a law has
 wrong that grows with its effect. Where a full fit takes little off the error of every stream that
 was held out, although evidence says that it should by much, one of the two is wrong, and the claim
-is taken back: a lump under a pad stood in for a force sensor whose axes mix.
+is taken back: a lump under a pad stood in for a force sensor whose axes mix. Something is missing.
 Test: diagnosis/test_standing.py
 """
 
 from dataclasses import replace
 
 from arm_brachy.diagnosis.conclude import errors_of
-from arm_brachy.diagnosis.decide import Decision, Rules
+from arm_brachy.diagnosis.decide import Decision
 from arm_brachy.diagnosis.wording import listed, spoken
 
 PLAIN = 0.03    # of all squares: what is gained of them on what was held out has to be seen
@@ -30,9 +30,8 @@ def standing(judgement, ratio):
     fitted = judgement.fits.of(accepted)
     if fitted.refit is None or any(map(_gains, errors_of(judgement.assembly, fitted, ratio, ()))):
         return judgement
-    left = decision.before.chance < Rules().alarm
-    back = Decision('unexplained' if left else 'nothing_missing', None, (), decision.ranked,
-                    decision.before, decision.before, nearest=accepted if left else None)
+    back = Decision('unexplained', None, (), decision.ranked, decision.before, decision.before,
+                    nearest=accepted)
     said = (f'{listed([spoken(cause) for cause in accepted.causes]).capitalize()} would explain '
             'most by first order, but fitted in full takes little off the error of any stream '
             'that was held out: it is not claimed.')
