@@ -316,7 +316,22 @@ class Judge:
                     return way, left, refuted
             first = first or (one, self._check(one))
             refuted.append(one.causes)
-        return (*(first or (None, before)), [])
+        return (*(first or self._accounting(ranked, before) or (None, before)), [])
+
+    def _accounting(self, ranked, before):
+        """The cause that leaves nothing of what the tests see, and what it leaves; None if none.
+
+        An offset within what calibration may take up predicts nothing better that was held out.
+        Where tests see that something is missing, and it is far ahead of all others, it is that.
+        """
+        if before.chance >= self.rules.alarm or not ranked:
+            return None
+        one, second = ranked[0], max((c.evidence for c in ranked[1:2]), default=-np.inf)
+        if one.evidence < self.rules.evidence or one.evidence - second < self.rules.rival or (
+                one.held_out < -self.rules.gainsaid * one.evidence) or self._gone(one):
+            return None
+        left = self._check(one)
+        return (one, left) if left.chance >= self.rules.alarm else None
 
     def _check(self, one):
         """adequacy.Scan of what a Candidate leaves, made once."""

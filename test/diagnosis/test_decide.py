@@ -1,6 +1,7 @@
 """Verdicts on made-up problems with a known truth: single, pair, class, null, stranger."""
 
 import tracemalloc
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -344,6 +345,23 @@ def test_only_what_promises_something_is_weighed():
     for seed in range(10):
         World(300 + seed).decide(0.0, weigh=lambda one: asked.append(one))
     assert len(asked) <= 1
+
+
+def test_an_offset_that_the_tests_see_is_named_though_it_predicts_nothing(world):
+    """Calibration takes it up, at 4.6 of its standard deviations: held out kinds gain nothing."""
+    shift = (world.channel == 3).astype(float)
+    offset = Explanation('offset', '', 25.0 * shift[:, None])
+    problem = replace(world.judge(0.0, offset).problem, r=world.rng.normal(size=len(shift))
+                      + 23.0 * shift)
+    judge = Judge(problem, world.rng)
+    one = judge.singles()[0]
+    assert one.causes == ('offset',) and abs(one.held_out) < judge.rules.held_out
+    assert judge.rules.evidence < one.evidence < judge.rules.certain
+    decision = judge.decide()
+    assert decision.before.chance < judge.rules.alarm
+    assert decision.verdict == 'named' and decision.accepted.causes == ('offset',)
+    twice = replace(problem, explanations=(*problem.explanations, replace(offset, cause='other')))
+    assert Judge(twice, world.rng).decide().verdict == 'unexplained'
 
 
 def test_full_fits_tell_apart_what_shows_beside_the_laws_errors(world):
