@@ -321,14 +321,12 @@ class Judge:
     def _accounting(self, ranked, before):
         """The cause that leaves nothing of what the tests see, and what it leaves; None if none.
 
-        An offset within what calibration may take up predicts nothing better that was held out.
-        Where tests see that something is missing, and it is far ahead of all others, it is that.
+        Where it is far ahead of all others.
         """
         if before.chance >= self.rules.alarm or not ranked:
             return None
         one, second = ranked[0], max((c.evidence for c in ranked[1:2]), default=-np.inf)
-        if one.evidence < self.rules.evidence or one.evidence - second < self.rules.rival or (
-                one.held_out < -self.rules.gainsaid * one.evidence) or self._gone(one):
+        if one.evidence - second < self.rules.rival or not self._accounts(one) or self._gone(one):
             return None
         left = self._check(one)
         return (one, left) if left.chance >= self.rules.alarm else None
@@ -348,6 +346,15 @@ class Judge:
         if evidence - lost >= self.rules.certain and lost <= self.rules.gainsaid * evidence:
             return True
         return evidence >= self.rules.evidence and held_out >= self.rules.held_out
+
+    def _accounts(self, one, over=None):
+        """True if a Candidate may be what tests see that is missing, though not `_claims`.
+
+        An offset within what calibration may take up predicts nothing better that was held out.
+        """
+        evidence = one.evidence - (over.evidence if over else 0.0)
+        held_out = one.held_out - (over.held_out if over else 0.0)
+        return evidence >= self.rules.evidence and held_out >= -self.rules.gainsaid * evidence
 
     def _may_be_load(self, candidate):
         """True if a cause of it shows in fewer pushes than tell it from a load."""
@@ -403,9 +410,10 @@ class Judge:
         pair's linear answer gains may be what that of the single one has wrong. And what comes in
         has to show beside what the single cause's law may have wrong.
         """
-        pair = self._best_pair(ranked)
+        pair, lead = self._best_pair(ranked)
         alone = tried and self._candidate(tried.explanations, tried.paid)
-        if pair is None or not self._claims(pair, over=alone):
+        if pair is None or not (self._claims(pair, over=alone) or (
+                tried is not None and lead >= self.rules.rival and self._accounts(pair, alone))):
             return None
         pair = self._weighed(pair)
         if tried is not None and tried.weighed and not (
@@ -454,14 +462,16 @@ class Judge:
         return simple if gains[best] - gains[simple] < owed else best
 
     def _best_pair(self, ranked):
-        """The pair with the most evidence; None if there are not two causes.
+        """The pair with the most evidence, None if there are not two causes; its lead over others.
 
         One of the likeliest is as it is alone, the other where it does best beside it: what a weak
         cause shows is not seen before the strong one is out of the way.
         """
         pairs = [self._best(cause, (one,)) for one in ranked[:self.rules.partners]
                  for cause in self._variants if cause not in one.causes]
-        return max(pairs, key=lambda pair: pair.evidence, default=None)
+        best = max(pairs, key=lambda pair: pair.evidence, default=None)
+        return best, min((best.evidence - pair.evidence for pair in pairs
+                          if set(pair.causes) != set(best.causes)), default=np.inf)
 
     def _candidate(self, explanations, paid):
         columns = self._of(explanations)

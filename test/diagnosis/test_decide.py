@@ -364,6 +364,17 @@ def test_an_offset_that_the_tests_see_is_named_though_it_predicts_nothing(world)
     assert Judge(twice, world.rng).decide().verdict == 'unexplained'
 
 
+def test_such_an_offset_is_named_beside_a_cause_that_leaves_it(world):
+    shift = (world.channel == 3).astype(float)
+    offset = Explanation('offset', '', 25.0 * shift[:, None])
+    problem = replace(world.judge(0.0, offset).problem, r=world.rng.normal(size=len(shift))
+                      + 23.0 * shift + 3.0 * world.responses[5])
+    decision = Judge(problem, world.rng).decide()
+    assert decision.verdict == 'named' and {*decision.accepted.causes} == {'cause_5', 'offset'}
+    twice = replace(problem, explanations=(*problem.explanations, replace(offset, cause='other')))
+    assert Judge(twice, world.rng).decide().verdict == 'unexplained'
+
+
 def test_full_fits_tell_apart_what_shows_beside_the_laws_errors(world):
     """Ten nats between two fits, of which the worse one's law may have all wrong."""
     like = Explanation('like', '', 2.5 * world.responses[2][:, None])
