@@ -19,8 +19,9 @@ def rest_spans(evidence):
     """Rests without a push, tuples (t_start, t_end) [s]; none if they are fewer than FEWEST_RESTS.
     """
     motion = motion_of(evidence)
-    stills = () if motion is None else motion.stills()
-    first = evidence.get(ENCODER).t[0]
+    if motion is None:
+        return ()
+    stills, first = motion.stills(), evidence.get(ENCODER).t[0]
     rests = [(start if start == first else start + SETTLING, end)
              for start, end, pushed in stills if not pushed and end - start > 2.0 * SETTLING]
     return tuple(rests) if len(rests) >= FEWEST_RESTS else ()
