@@ -412,12 +412,15 @@ class Judge:
         """
         pair, lead = self._best_pair(ranked)
         alone = tried and self._candidate(tried.explanations, tried.paid)
-        if pair is None or not (self._claims(pair, over=alone) or (
-                tried is not None and lead >= self.rules.rival and self._accounts(pair, alone))):
+        ahead = tried is not None and lead >= self.rules.rival
+
+        def shows(pair, over):
+            return self._claims(pair, over) or (ahead and self._accounts(pair, over))
+        if pair is None or not shows(pair, alone):
             return None
         pair = self._weighed(pair)
         if tried is not None and tried.weighed and not (
-                pair.weighed and self._claims(pair, over=tried) and self._adds(pair, tried)):
+                pair.weighed and shows(pair, tried) and self._adds(pair, tried)):
             return None
         return None if self._gone(pair) else pair
 

@@ -369,8 +369,10 @@ def test_such_an_offset_is_named_beside_a_cause_that_leaves_it(world):
     offset = Explanation('offset', '', 25.0 * shift[:, None])
     problem = replace(world.judge(0.0, offset).problem, r=world.rng.normal(size=len(shift))
                       + 23.0 * shift + 3.0 * world.responses[5])
-    decision = Judge(problem, world.rng).decide()
-    assert decision.verdict == 'named' and {*decision.accepted.causes} == {'cause_5', 'offset'}
+    for weigh in (None, lambda one: Gain(0.0, 0.0)):
+        decision = Judge(problem, world.rng, weigh=weigh).decide()
+        assert decision.verdict == 'named'
+        assert {*decision.accepted.causes} == {'cause_5', 'offset'}
     twice = replace(problem, explanations=(*problem.explanations, replace(offset, cause='other')))
     assert Judge(twice, world.rng).decide().verdict == 'unexplained'
 
