@@ -22,8 +22,8 @@ LONGEST_SLOW = 12.0     # s, where channels have it independently of each other
 PART = 0.25             # of the time from the first rest to the last: a longer memory is a drift
 FEWEST_RESTS, FEWEST_CHANNELS = 5, 6     # of them, for their means to tell noise from the past
 IN_COMMON = 0.5         # that squared correlations may exceed those of noise by, relative, where
-                        # SIGNIFICANT errors are less. The half-cylinder: forces and markers with
-                        # noise alone 0.54 at most, forces that relax or yield 0.8 and 3.1
+                        # SIGNIFICANT errors are less. The half-cylinder, noise alone: 0.52 at most
+                        # of limits from 0.5 to 1.2; what relaxes or yields there lasts too long
 SHARES = (0.02, 0.06, 0.15, 0.35, 0.7, 0.95)    # of the variance, first guesses
 TIMES = 7               # memories, first guesses, from SHORTEST sampling periods on
 SHORTEST = 3.0

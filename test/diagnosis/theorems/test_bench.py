@@ -3,6 +3,8 @@
 import numpy as np
 
 from arm_brachy.diagnosis.finding import Calibration
+from arm_brachy.diagnosis.matched import SET_UP
+from arm_brachy.diagnosis.nuisances import MODULUS
 from arm_brachy.diagnosis.stream import BASE, OPTICAL, TISSUE
 
 
@@ -19,6 +21,14 @@ def test_a_bench_that_gives_way_a_little_is_within_the_tolerances(breast, once):
     left = effect - matched.U @ np.linalg.lstsq(matched.U, effect, rcond=None)[0]
     # Encoders of the other pads wobble by a count, 1e-4 of the push.
     assert np.linalg.norm(left) < 1e-3 * np.linalg.norm(effect)
+
+
+def test_what_is_set_up_anew_is_no_property_of_the_body_or_its_sensors(breast, once):
+    names = breast.watch(once, markers=(TISSUE, BASE)).nuisances.names
+    anew = {name for name in names if name.startswith(SET_UP)}
+    assert {'frame_shift_x', 'touch_pad_1', 'force_pad_1_z'} <= anew
+    assert not anew & {'gain_pad_1', MODULUS}
+    assert not [name for name in anew if name.startswith(('optical_', 'base_', 'gain', 'mesh'))]
 
 
 def test_a_floor_that_trembles_a_little_is_within_the_tolerances_where_it_is_seen(breast, rich):

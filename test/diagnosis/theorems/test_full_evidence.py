@@ -29,7 +29,7 @@ def beyond(matched, hypotheses, law):
     assembly = assemble([matched], tried)
     judge = Judge(assembly.problem, np.random.default_rng(1))
     first, = (one for one in judge.singles() if one.causes == (hypotheses[0].name,))
-    pair = judge._best_pair((first,))
+    pair, _ = judge._best_pair((first,))
     fits = FullFits(assembly, np.random.default_rng(2), Accuracy(law=law))
     return pair.evidence - first.evidence, fits.beyond(first, assembly.problem.explanations[1:])
 
