@@ -157,6 +157,15 @@ class Decision:
     unproven: Candidate | None = None
     nearest: Candidate | None = None
 
+    @property
+    def shape(self):
+        """Candidate that says where and when, although it is not claimed; None = the tests do.
+
+        What is as it has it may be a load; or no test sees what it would explain.
+        """
+        seen = self.before.chance < Rules().alarm
+        return self.unproven or (None if seen else self.nearest)
+
     def shared(self, candidate):
         """Per explanation of a Candidate of the class: True if all of them have it."""
         others = (self.accepted, *self.equals)

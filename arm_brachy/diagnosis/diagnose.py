@@ -198,11 +198,12 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
     causes, where, when = with_findings(found, scene, causes, where, when, decision)
     left = conclude.left_over(assembly, explanations)
     causes += [] if fault is None else [fault.cause()]
-    if decision.unproven is not None:
+    shape = decision.shape if fault is None else decision.unproven
+    if shape is not None:
         where += [replace(one, term='') for one in conclude.places_of(
-            judgement.fits.of(decision.unproven), scene) if one is not None]
-        when += [replace(one, term='') for one in conclude.times_of(assembly, decision.unproven)]
-        notes.append(_would_do(decision.unproven))
+            judgement.fits.of(shape), scene) if one is not None]
+        when += [replace(one, term='') for one in conclude.times_of(assembly, shape)]
+        notes += [] if decision.unproven is None else [_would_do(shape)]
     elif decision.verdict == 'unexplained' and fault is None:
         places, times = conclude.unexplained(assembly, decision.before.worst, left)
         where, when = [*places, *where], [*times, *when]

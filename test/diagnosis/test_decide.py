@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.decide import Explanation, Judge, Problem
+from arm_brachy.diagnosis.adequacy import Scan
+from arm_brachy.diagnosis.decide import Decision, Explanation, Judge, Problem
 from arm_brachy.diagnosis.laplace import Gain
 
 CHANNELS, STATES, CAUSES = 12, 30, 8
@@ -375,6 +376,15 @@ def test_such_an_offset_is_named_beside_a_cause_that_leaves_it(world):
         assert {*decision.accepted.causes} == {'cause_5', 'offset'}
     twice = replace(problem, explanations=(*problem.explanations, replace(offset, cause='other')))
     assert Judge(twice, world.rng).decide().verdict == 'unexplained'
+
+
+@pytest.mark.parametrize(('chance', 'unproven', 'nearest', 'says'), [
+    (0.5, None, 'near', 'near'), (1e-6, None, 'near', None), (0.5, 'load', None, 'load'),
+    (1e-6, 'load', None, 'load'), (0.5, None, None, None)])
+def test_where_is_said_by_what_comes_nearest_if_no_test_sees_anything(chance, unproven, nearest,
+                                                                      says):
+    before = Scan(np.zeros(1), 0, chance)
+    assert Decision('unexplained', None, (), (), before, before, unproven, nearest).shape == says
 
 
 def test_full_fits_tell_apart_what_shows_beside_the_laws_errors(world):
