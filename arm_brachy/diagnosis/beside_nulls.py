@@ -20,7 +20,7 @@ from arm_brachy.diagnosis.nuisances import MODULUS
 class SetUp:
     """Nuisances that recordings share, in prior standard deviations: mean + spread z, z ~ N(0, I).
 
-    names : k, errors of the mesh last;  mean : (k,);  spread : (k, k) lower triangular, so that
+    names : k, errors of the mesh last, which have theirs several times;  mean : (k,);  spread : (k, k) lower triangular, so that
         what is known of the mesh alone stays apart
     """
 
@@ -31,7 +31,7 @@ class SetUp:
     def put_right(self, m):
         """The Matched of another recording with it known."""
         names, values = np.array(m.nuisances.names), dict(m.nuisances.values)
-        which = [int(np.flatnonzero(names == name)[0]) for name in self.names]
+        which = _mesh_last(np.flatnonzero(np.isin(names, self.names)), names)
         of_mesh = np.isin(self.names, NAMES)
         shift = {kind: v[..., which] for kind, v in values.items()}
         for kind, part in shift.items():
@@ -50,11 +50,15 @@ def set_up_of(nulls, U, names):
     The modulus is not handed on: tissue dries, warms and is cast anew.
     """
     own = sum(np.count_nonzero(m.own) for m in nulls)
-    shared = [i for i in range(own, len(names)) if names[i] != MODULUS]
-    shared.sort(key=lambda i: names[i] in NAMES)
+    shared = _mesh_last([i for i in range(own, len(names)) if names[i] != MODULUS], names)
     known = posterior(U, np.concatenate([m.r for m in nulls]))
     return SetUp(tuple(names[i] for i in shared), known.mean[shared],
                  cholesky(known.covariance(shared), lower=True))
+
+
+def _mesh_last(columns, names):
+    """Numbers of columns in order, those that the names say are errors of the mesh last."""
+    return sorted(columns, key=lambda i: names[i] in NAMES)
 
 
 def _times(shift, mean):
