@@ -21,6 +21,7 @@ from arm_brachy.devices.terms.em_distortion import EmDistortion
 from arm_brachy.devices.terms.em_offset import EmOffset
 from arm_brachy.devices.terms.force_drift import ForceDrift
 from arm_brachy.devices.terms.force_gain import ForceGain
+from arm_brachy.devices.terms.force_misalignment import ForceMisalignment
 from arm_brachy.devices.terms.lost_steps import LostSteps
 from arm_brachy.devices.terms.marker_slip import MarkerSlip
 from arm_brachy.devices.terms.optical_scale import OpticalScale
@@ -62,7 +63,8 @@ TERMS = (
     # From the motor to the pad: the force on the pad acts last.
     ActuatorLag, ActuatorGain, Backlash, LostSteps, ActuatorCompliance,
     # From the thing seen to what is read of it: place, scale, zero, stamp.
-    MarkerSlip, OpticalScale, EmDistortion, EmOffset, ForceGain, ForceDrift, ClockOffset,
+    MarkerSlip, OpticalScale, EmDistortion, EmOffset, ForceMisalignment, ForceGain, ForceDrift,
+    ClockOffset,
 )
 
 

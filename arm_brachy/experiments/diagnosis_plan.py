@@ -9,7 +9,7 @@ What is the same for several recordings is run once. Sixty nulls are twelve plan
 draws of noise, registration, zeros and clocks each. Sensing terms are planted on the same runs, as
 they change nothing but what is seen; damping has no effect on a quasi-static body, a point mass
 none without gravity: they stand for four more nulls. All other terms have a run of their own at
-either size: 62 runs, 128 recordings. What joined the registry later comes last: a case keeps its
+either size: 62 runs, 130 recordings. What joined the registry later comes last: a case keeps its
 number and its draws.
 """
 
@@ -32,7 +32,7 @@ SEED = 20260418
 SCENARIO = config_dir() / 'scenarios' / 'probe_rich.yaml'
 SCENE = config_dir() / 'scenes' / 'breast.yaml'             # the model
 INERT_HERE = ('damping', 'point_mass')     # no inertia, no gravity
-LATER = ('point_mass',)                 # terms, whose cases come after the last null
+LATER = ('point_mass', 'force_misalignment')    # terms, whose cases come after the last null
 SIZES = (1.0, 0.1)                      # of what the registry calls typical
 NULLS, NULL_PLANTS, FIRST = 60, 12, 6   # draws, plant runs shared by them, nulls made first
 TOGETHER = {'base_compliance': ('normal', 'tangential')}   # else the first strength alone
@@ -98,7 +98,7 @@ def plan(seed=SEED):
     nulls = [_plant(seed, f'null_{i:02d}') for i in range(NULL_PLANTS)]
     draws = [(nulls[i % NULL_PLANTS], None) for i in range(NULLS)]
     first = _faults(seed, nulls, [cls for cls in TERMS if cls.spec.name not in LATER])
-    later = _faults(seed, nulls, [by_name(name) for name in LATER])
+    later = [one for name in LATER for one in _faults(seed, nulls, [by_name(name)])]
     ordered = [*draws[:FIRST], *first, *draws[FIRST:], *later]
     return tuple(Case(f'case_{i:03d}', int(stream(seed, f'case/{i}').integers(2**31)), *pair)
                  for i, pair in enumerate(ordered))
@@ -153,9 +153,17 @@ def _direction(name, place, rng):
         way = np.array([*rng.standard_normal(2), 0.0])
     elif name in ANYWHERE:
         way = rng.standard_normal(3)
+    elif name == 'force_misalignment':      # not about the line of the force
+        way = np.cross(_push(place), rng.standard_normal(3))
     else:
         raise ValueError(f'{name} has a vector strength; its direction must be drawn here')
     return way / np.linalg.norm(way)
+
+
+def _push(place):
+    """Direction (3,) in which the pad of a place pushes."""
+    name, = place['pads']
+    return next(pad.direction for pad in base_cell().scene.pads if pad.name == name)
 
 
 def _pad(rng):
@@ -205,6 +213,7 @@ def _marker(rng):
 
 PLACES = {
     'pad_misplacement': _pad, 'pad_slip': _pad, 'force_gain': _pad, 'force_drift': _pad,
+    'force_misalignment': _pad,
     'actuator_gain': _actuator, 'backlash': _actuator, 'actuator_compliance': _actuator,
     'lost_steps': lambda rng: {**_actuator(rng), **_onset(rng)},
     'inclusion': _inside, 'base_debond': _on_base, 'anisotropy': _fibres,

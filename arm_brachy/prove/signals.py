@@ -212,9 +212,13 @@ def _drifts(null):
 
 
 def _scales(null):
-    """(stream, change) of one tolerance: where tools are, scale of every force and the tracker."""
+    """(stream, change) of one tolerance: where tools are, scale and axes of every force,
+    scale of the tracker.
+    """
     yield from _constants(null, 'em', CALIBRATION.em_registration)
     for i in range(null['forces'].shape[1]):
         only = np.arange(null['forces'].shape[1])[:, None] == i
         yield 'forces', CALIBRATION.force_gain * only * null['forces']
+        for axis in np.eye(3):
+            yield 'forces', CALIBRATION.sensor_axes * np.cross(axis, only * null['forces'])
     yield 'optical', CALIBRATION.scale * null['optical']

@@ -60,7 +60,7 @@ def run(setup, folder, source, progress=lambda stage, done, of: None):
     answer_all(folder, asked, setup.detector, setup.workers, setup.limit,
                lambda done, of: progress('answering', done, of))
     records = publish_answers(folder, asked)
-    truths = open_truth(folder, begun, jobs)
+    truths = open_truth(folder, begun, jobs, source)
     made = tuple(replace(job, **{name: truths[job.name][name] for name in
                                  ('attempt', 'body_attempt')}) for job in jobs)
     return made, truths, records
@@ -150,8 +150,11 @@ def publish_answers(folder, asked):
     return records
 
 
-def open_truth(folder, begun, jobs):
-    """Write truths, salts and proofs to opened.json and verify them; returns case -> truth."""
+def open_truth(folder, begun, jobs, source):
+    """Write truths, salts and proofs to opened.json, with what was wished for, and verify them.
+
+    Returns case -> truth.
+    """
     opened = {job.name: {'salt': _salt(begun, job.name),
                          'truth': _truth(folder, begun, job.name)} for job in jobs}
     published = read_json(folder / 'published.json')
@@ -159,6 +162,7 @@ def open_truth(folder, begun, jobs):
     for i, job in enumerate(jobs):
         opened[job.name]['proof'] = seal.proof(leaves, i)
     write_json(folder / 'opened.json', {'beacon': begun['beacon'], 'commit': begun['commit'],
+                                        'wishes': import_module(source).WISHES,
                                         'cases': opened})
     verify(folder)
     return {name: one['truth'] for name, one in opened.items()}

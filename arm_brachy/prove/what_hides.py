@@ -73,12 +73,19 @@ def opened(commit):
         raise InputError(f'{folder}: no opened.json; must be a trial that was opened; see '
                          'results/trials')
     truths = {name: one['truth'] for name, one in trial['cases'].items()}
-    jobs = plan.draw(seal.seed_of(trial['commit'], trial['beacon']), len(truths), source.WISHES)
+    jobs = plan.draw(seal.seed_of(trial['commit'], trial['beacon']), len(truths),
+                     trial.get('wishes') or _before(source.WISHES))
     rows = [row for row in read_json(folder / 'result.json')['rows'] if 'case' in row]
     absolute = [row for row in rows if row['mode'] == ABSOLUTE]
     return {job.name: replace(job, **{key: truths[job.name][key] for key in (
         'attempt', 'body_attempt')}) for job in jobs}, truths, {
             row['case']: row for row in absolute or rows}
+
+
+def _before(wishes):
+    """What trials went through that do not say it: all but what joined later."""
+    return {kind: [name for name in names if name not in source.JOINED]
+            for kind, names in wishes.items()}
 
 
 def drawn_again(job, truth, folder):

@@ -26,6 +26,7 @@ from arm_brachy.devices.terms.em_distortion import EmDistortion
 from arm_brachy.devices.terms.em_offset import EmOffset
 from arm_brachy.devices.terms.force_drift import ForceDrift
 from arm_brachy.devices.terms.force_gain import ForceGain
+from arm_brachy.devices.terms.force_misalignment import ForceMisalignment
 from arm_brachy.devices.terms.lost_steps import LostSteps
 from arm_brachy.devices.terms.marker_slip import MarkerSlip
 from arm_brachy.devices.terms.optical_scale import OpticalScale
@@ -33,7 +34,8 @@ from arm_brachy.devices.terms.optical_scale import OpticalScale
 NAMES = ('a', 'b', 'c')
 PARAMS = (ActuatorParams, EmTrackerParams, OpticalParams, ForceSensorParams)
 TERMS = (ActuatorLag, ActuatorGain, Backlash, LostSteps, ActuatorCompliance, MarkerSlip,
-         OpticalScale, EmDistortion, EmOffset, ForceGain, ForceDrift, ClockOffset)
+         OpticalScale, EmDistortion, EmOffset, ForceMisalignment, ForceGain, ForceDrift,
+         ClockOffset)
 
 # Straight motion, so that the truth between two ticks does not depend on how time is cut.
 _SPEED = np.array([[0.01, 0.0, 0.02], [0.0, -0.01, 0.0], [0.003, 0.004, 0.005]])

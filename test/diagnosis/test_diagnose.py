@@ -132,6 +132,24 @@ def test_a_force_sensor_drifts_from_when_it_was_tared(scene):
     assert first[-1, 3, 0] == pytest.approx(0.01 * t[-1], rel=0.2)     # a pad that is not pushed
 
 
+def test_cross_talk_of_a_force_sensor_is_named_at_its_pad(record):
+    """Not a turn, but what it does across the load is: the load has one direction."""
+    crosstalk = np.array([[0.0, 0.0, 0.05], [0.06, 0.0, 0.0], [-0.08, 0.0, 0.0]])
+    evidence = record()
+    pad = evidence.streams[FORCE].names.index('pad_1')
+    shown = evidence.streams[FORCE].values
+    load = shown[:, pad].mean(axis=0)
+    shown[:, pad] += shown[:, pad] @ crosstalk.T
+    d = diagnose((evidence,), source(), null=(record(seed=2, name='sound'),),
+                 meshes=MESHES).diagnosis
+    cause, = d.causes
+    assert (d.verdict, cause.term) == ('named', 'force_misalignment')
+    assert cause.applies_to == {'pads': ('pad_1',)}
+    told, more = np.cross(cause.parameters['turn'].value, load), crosstalk @ load
+    across = more - load * (more @ load) / (load @ load)
+    assert np.linalg.norm(told - across) < 0.15 * np.linalg.norm(across)
+
+
 def test_tissue_that_is_softer_than_in_the_null_recording_lacks_no_physics(record):
     """Calibration takes it up; with one modulus for both, softening was named."""
     soft = record(({'name': 'stiffness_scale', 'factor': 0.85},))

@@ -176,8 +176,14 @@ def tilted_up(rng):
     return v / np.linalg.norm(v)
 
 
+def mounting(rng, body, s):
+    """Values of what joined later at size s: families draw all they have, so it has its own."""
+    return {'force_misalignment': {'turn_deg': tuple(3 * s * direction(rng)),
+                                   'pads': some_pad(rng, body)}}
+
+
 FAMILIES = {'actuation': actuation, 'sensing': sensing, 'material': material,
-            'boundary': boundary}
+            'boundary': boundary, 'mounting': mounting}
 
 
 def draw_effect(rng, name, body):

@@ -59,6 +59,17 @@ def force_gain(streams, v):
     forces.values[:, chosen(forces.names, v['pads'])] *= 1 + v['gain']
 
 
+def force_misalignment(streams, v):
+    """Forces in turned axes, by Rodrigues' formula."""
+    forces = streams['forces']
+    which = chosen(forces.names, v['pads'])
+    turn = np.radians(v['turn_deg'])
+    angle = np.linalg.norm(turn)
+    f, axis = forces.values[:, which], turn / angle
+    forces.values[:, which] = (np.cos(angle) * f + np.sin(angle) * np.cross(axis, f)
+                               + (1 - np.cos(angle)) * (f @ axis)[..., None] * axis)
+
+
 def force_drift(streams, v):
     """Zero error that grows."""
     forces = streams['forces']
@@ -78,6 +89,7 @@ SENSING = {
     'em_distortion': em_distortion,
     'em_offset': em_offset,
     'force_gain': force_gain,
+    'force_misalignment': force_misalignment,
     'force_drift': force_drift,
     'clock_offset': clock_offset,
 }

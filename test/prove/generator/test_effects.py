@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from arm_brachy.prove.generator import actuation
 from arm_brachy.prove.generator.body import COARSE
@@ -11,6 +12,7 @@ from arm_brachy.prove.generator.catalogue import Effect
 from arm_brachy.prove.generator.mismount import to_ball
 from arm_brachy.prove.generator.plant import build_world, play
 from arm_brachy.prove.generator.protocol import Protocol
+from arm_brachy.prove.generator.sensing import Stream, force_misalignment
 from arm_brachy.prove.generator.tissue import met, reshaping
 from arm_brachy.prove.generator.world import pad_markers
 
@@ -76,6 +78,17 @@ def test_modulus_scales_forces_and_moves_nothing(outputs):
     _, _, same, stiff, _ = outputs(effect('stiffness_scale', factor=1.4))
     np.testing.assert_allclose(stiff, 1.4 * force, atol=2e-3 * rms(force))
     assert np.abs(same - moved).max() < 2e-7
+
+
+def test_turned_axes_turn_the_forces_of_their_pad():
+    t, forces = np.arange(3.0), np.random.default_rng(0).normal(size=(3, 2, 3))
+    streams = {'forces': Stream(('pad_1', 'pad_2'), t, t, forces.copy(), np.zeros((3, 2)))}
+    turn = (2.0, -1.0, 40.0)
+    force_misalignment(streams, {'turn_deg': turn, 'pads': ('pad_2',)})
+    found = streams['forces'].values
+    np.testing.assert_array_equal(found[:, 0], forces[:, 0])
+    np.testing.assert_allclose(
+        found[:, 1], Rotation.from_rotvec(turn, degrees=True).apply(forces[:, 1]), atol=1e-14)
 
 
 def test_stiffness_drift_grows_from_its_onset(outputs):
