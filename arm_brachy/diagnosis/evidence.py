@@ -13,6 +13,7 @@ from arm_brachy.core.scene import Scene
 from arm_brachy.diagnosis import checks
 from arm_brachy.diagnosis.blind import without_blind
 from arm_brachy.diagnosis.held import once
+from arm_brachy.diagnosis.one_axis import along_pushes, measured_axes
 from arm_brachy.diagnosis.rough_clock import on_one_clock
 from arm_brachy.diagnosis.saturation import unsaturated
 from arm_brachy.diagnosis.spikes import fastest, without_spikes
@@ -136,7 +137,7 @@ def evidence_of(run, scene, *, samples=SAMPLES, zero=None):
     base = _base_force(run)
     _note_strange_sensors(run, scene, notes)
     run = with_scene(run, scene)
-    found = [_encoder(run), _force(run, notes), _optical(run, scene, notes),
+    found = [_encoder(run), _force(run, scene, notes), _optical(run, scene, notes),
              _em(run, scene, notes), base]
     found = [None if s is None else once(together(in_order(s, run.name, notes), notes), notes)
              for s in found]
@@ -181,13 +182,14 @@ def _encoder(run):
                   np.zeros((len(run.encoder_pads), 1)))
 
 
-def _force(run, notes):
+def _force(run, scene, notes):
     if run.force is None or not run.force_pads:
         return None
-    values = np.array(run.force.values, dtype=float)
+    values = measured_axes(np.array(run.force.values, dtype=float))
     stream = Stream(FORCE, run.force.t, run.force_pads, values, np.isfinite(values).all(axis=2),
                     run.force_pads, np.zeros((len(run.force_pads), 3)))
-    return _seen(stream, 'force on', notes)
+    pushes = dict(zip((pad.name for pad in scene.pads), pad_directions(scene), strict=True))
+    return along_pushes(_seen(stream, 'force on', notes), pushes, notes)
 
 
 def _base_force(run):

@@ -17,11 +17,11 @@ def balance_findings(prepared):
     The tissue carries what the pads do to it on to the base, quasi-statically; its weight is the
     constant. The base force is regressed on the pads' forces axis by axis: a pad whose coefficient
     departs from that of the others reads wrong, all alike is the scale of the balance.
-    Needs two pads that push and the wrench of a balance under the base.
+    Needs two pads that push, all axes of their forces and the wrench of a balance under the base.
     Test: diagnosis/structural/test_force.py
     """
     base, force = prepared.evidence.base_force, prepared.evidence.get(FORCE)
-    if base is None or force is None or len(force.names) < 2:
+    if base is None or force is None or force.along is not None or len(force.names) < 2:
         return ()
     valid = base.valid[:, 0] & (base.t >= force.t[0]) & (base.t <= force.t[-1])
     pushed = [k for k in range(len(force.names)) if force.valid[:, k].sum() >= FEWEST]

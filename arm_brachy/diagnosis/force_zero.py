@@ -34,8 +34,8 @@ def force_findings(prepared, jumps=()):
     stiffness = _stiffness(prepared, force, rests)
     scatter = np.hypot(_scatter(fits), stiffness * _known(prepared, force, rests))
     slack = np.hypot(prepared.calibration.force_zero, prepared.calibration.touch * stiffness)
-    return tuple(found for pad, fit in zip(force.names, fits, strict=True) if fit is not None
-                 for found in _findings(prepared, pad, fit, scatter, slack, force.t))
+    return tuple(found for k, fit in enumerate(fits) if fit is not None
+                 for found in _findings(prepared, force, k, fit, scatter, slack))
 
 
 def _known(prepared, force, rests):
@@ -84,7 +84,7 @@ def _rests(prepared, force):
 
 
 def _fit(prepared, force, k, rests, t, jumps):
-    """(coefficients (c, 3), covariance per unit scatter (c, c), misfit (r, 3), degrees of freedom)
+    """(coefficients (m, c), covariance per unit scatter (m, m), misfit (r, c), degrees of freedom)
     of one pad, zero and drift first; None with too few rests.
     """
     seen = [i for i, rows in enumerate(rests) if force.valid[rows, k].sum() >= SHORTEST]
@@ -101,8 +101,8 @@ def _fit(prepared, force, k, rests, t, jumps):
         covariance = np.linalg.inv(X.T @ X)
         beta = covariance @ (X.T @ y)
         left, dof = y - X @ beta, len(seen) - X.shape[1]
-        score = 3 * len(seen) * np.log(max(np.sum(left ** 2), 1e-30)) + 3 * X.shape[1] * np.log(
-            len(seen))
+        score = y.shape[1] * (len(seen) * np.log(max(np.sum(left ** 2), 1e-30))
+                              + X.shape[1] * np.log(len(seen)))
         if best is None or score < best[0]:
             best = score, beta, covariance, left, dof
     return None if best is None else best[1:]
@@ -121,21 +121,23 @@ def _recovery(prepared, force, k, rests, seen):
 
 
 def _scatter(fits):
-    """(3,) standard deviation of rests about their fits, pooled over the pads."""
+    """(c,) standard deviation of rests about their fits, pooled over the pads."""
     known = [fit for fit in fits if fit is not None]
-    total = sum((np.sum(left ** 2, axis=0) for _, _, left, _ in known), np.zeros(3))
+    total = sum(np.sum(left ** 2, axis=0) for _, _, left, _ in known)
     return np.sqrt(total / max(sum(dof for *_, dof in known), 1))
 
 
-def _findings(prepared, pad, fit, scatter, slack, t):
-    beta, covariance, _, _ = fit
+def _findings(prepared, force, k, fit, scatter, slack):
+    (beta, covariance, _, _), pad = fit, force.names[k]
     calibration, tests = prepared.calibration, TESTS * len(prepared.evidence.pads)
-    limit, span = threshold(tests, 3), (float(t[0]), float(t[-1]))
+    limit = threshold(tests, beta.shape[1])
+    span = float(force.t[0]), float(force.t[-1])
     zero_sd, rate_sd = (scatter * np.sqrt(covariance[i, i]) for i in (0, 1))
     zero, rate = beta[0], beta[1]
     out = []
     z = sigma(rate, rate_sd, calibration.force_drift)
     if z > limit:
+        rate, rate_sd = _in_frame(force, k, rate, rate_sd)
         out.append(Finding(
             FORCE, pad, 'force_drift', 'rate', rate, 'N/s', rate_sd, z, *span,
             f'The force on {pad} drifts by {60.0 * np.linalg.norm(rate):.2f} N a minute while '
@@ -143,6 +145,7 @@ def _findings(prepared, pad, fit, scatter, slack, t):
             parameters={'rate': tuple(rate), 'pads': (pad,)}, slack=calibration.force_drift))
     z = sigma(zero, zero_sd, slack)
     if z > limit:
+        zero, zero_sd = _in_frame(force, k, zero, zero_sd)
         out.append(Finding(
             FORCE, pad, 'force_drift', 'bias', zero, 'N', zero_sd, z, *span,
             f'The force on {pad} reads {np.linalg.norm(zero):.2f} N at the start while nothing '
@@ -150,3 +153,11 @@ def _findings(prepared, pad, fit, scatter, slack, t):
             parameters={'rate': (0.0, 0.0, 0.0), 'bias': tuple(zero), 'pads': (pad,)},
             slack=float(slack)))
     return out
+
+
+def _in_frame(force, k, value, sd):
+    """(value (3,), its error (3,)) in the frame, of a channel's components (c,).
+
+    Across what is measured along one direction the value is zero, known no better than along it.
+    """
+    return (value, sd) if force.along is None else (value * force.along[k], np.repeat(sd, 3))

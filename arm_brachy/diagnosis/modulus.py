@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.stream import FORCE
+from arm_brachy.diagnosis.stream import FORCE, components
 
 HOLDS = 2       # states of every pad that are solved for
 LEAST = 3.0     # standard deviations of a force for it to count
@@ -27,7 +27,7 @@ def modulus_ratio(recorded, specimen):
         return 1.0
     found = ForwardModel(specimen).predict(recorded.path, states.t[deep])
     index = [specimen.pads.index(name) for name in force.names]
-    measured, model = force.values[deep], found.force[:, index]
+    measured, model = force.values[deep], components(found.force[:, index], force.along)
     weight = np.where(np.isfinite(measured) & np.isfinite(model), 1.0 / force.variance[deep], 0.0)
     power = float(np.sum(weight * np.nan_to_num(model)**2))
     if power < LEAST**2:

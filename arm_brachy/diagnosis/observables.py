@@ -6,19 +6,20 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from arm_brachy.core.errors import InputError
-from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
+from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL, components
 
 KINDS = (OPTICAL, EM, FORCE)
 
 
 @dataclass(frozen=True)
 class Measured:
-    """One stream at n states, positions in the world frame.
+    """One stream at n states, positions in the world frame; d = 3, or 1 where it has `along`.
 
-    kind : OPTICAL, EM or FORCE;  names : c channels;  values : (n, c, 3) SI;  valid : (n, c)
-    sd : (n, c, 3) of the values, windows averaged;  correlation : (n, n) of noise between states
-    own : (n, c, 3) or 0, standard deviation of what differs from state to state besides: a sensor
+    kind : OPTICAL, EM or FORCE;  names : c channels;  values : (n, c, d) SI;  valid : (n, c)
+    sd : (n, c, d) of the values, windows averaged;  correlation : (n, n) of noise between states
+    own : (n, c, d) or 0, standard deviation of what differs from state to state besides: a sensor
         that is slow remembers its noise, a model its errors not
+    along : (c, 3) as of a stream.Stream, None = all three axes are measured
     """
 
     kind: str
@@ -28,16 +29,20 @@ class Measured:
     sd: np.ndarray
     correlation: np.ndarray
     own: np.ndarray | float = 0.0
+    along: np.ndarray | None = None
 
     @property
     def total(self):
-        """(n, c, 3) standard deviation of all together."""
+        """(n, c, d) standard deviation of all together."""
         return np.hypot(self.sd, self.own)
 
 
 @dataclass(frozen=True)
 class Row:
-    """What one entry of the vector is: stream, channel, axis 0 to 2 and number of the state."""
+    """What one entry of the vector is: stream, channel, axis 0 to 2 and number of the state.
+
+    Of what is measured along one direction, the axis that this is nearest to.
+    """
 
     kind: str
     channel: str
@@ -53,7 +58,7 @@ def measured(states):
         valid = np.isfinite(stream.values).all(axis=2)
         sd = np.sqrt(np.where(valid[..., None], stream.variance, 1.0))
         out.append(Measured(kind, stream.names, stream.values, valid, sd,
-                            states.correlation[kind]))
+                            states.correlation[kind], along=stream.along))
     return tuple(out)
 
 
@@ -80,14 +85,16 @@ class Observables:
             for c, name in enumerate(stream.names):
                 seen = np.flatnonzero(stream.valid[:, c])
                 there = channels[stream.kind].index(name)
-                for axis in range(3) if len(seen) else ():
+                way = None if stream.along is None else stream.along[c]
+                for axis in range(stream.sd.shape[2]) if len(seen) else ():
                     sd = stream.sd[seen, c, axis]
                     own = np.broadcast_to(stream.own, stream.sd.shape)[seen, c, axis]
                     covariance = np.diag(own**2) + (
                         np.outer(sd, sd) * stream.correlation[np.ix_(seen, seen)])
                     factor = cholesky(covariance, lower=True)
-                    self._blocks.append((stream.kind, c, there, axis, seen, factor))
-                    rows += [Row(stream.kind, name, axis, int(i)) for i in seen]
+                    self._blocks.append((stream.kind, c, there, axis, way, seen, factor))
+                    near = axis if way is None else int(np.argmax(np.abs(way)))
+                    rows += [Row(stream.kind, name, near, int(i)) for i in seen]
         self.rows = tuple(rows)
 
     def at(self, states):
@@ -107,7 +114,8 @@ class Observables:
             if stream.kind not in shift:
                 return stream
             there = [self._channels[stream.kind].index(name) for name in stream.names]
-            return replace(stream, values=stream.values - shift[stream.kind][:, there])
+            return replace(stream, values=stream.values - components(
+                shift[stream.kind][:, there], stream.along))
         return Observables([put_right(stream) for stream in self.measured], self._channels)
 
     def louder(self, factors, memory):
@@ -133,8 +141,9 @@ class Observables:
         """
         k = next(iter(values.values())).shape[3]
         out = []
-        for kind, _, there, axis, seen, factor in self._blocks:
-            part = values[kind][seen, there, axis] if kind in values else np.zeros((len(seen), k))
+        for kind, _, there, axis, way, seen, factor in self._blocks:
+            part = (_shown(values[kind][seen, there], axis, way) if kind in values
+                    else np.zeros((len(seen), k)))
             out.append(solve_triangular(factor, part, lower=True))
         return np.concatenate(out) if out else np.zeros((0, k))
 
@@ -171,7 +180,8 @@ class Observables:
     def sd(self):
         """(N,) standard deviation of every row, SI."""
         by_kind = {stream.kind: stream for stream in self.measured}
-        out = [by_kind[kind].total[seen, c, axis] for kind, c, _, axis, seen, _ in self._blocks]
+        out = [by_kind[kind].total[seen, c, axis]
+               for kind, c, _, axis, _, seen, _ in self._blocks]
         return np.concatenate(out) if out else np.zeros(0)
 
     def difference(self, predicted):
@@ -180,8 +190,8 @@ class Observables:
         predicted : kind -> (n, c, 3) in the model's order, e.g. `Baseline.shown`
         """
         by_kind = {stream.kind: stream for stream in self.measured}
-        out = [by_kind[kind].values[seen, c, axis] - predicted[kind][seen, there, axis]
-               for kind, c, there, axis, seen, _ in self._blocks]
+        out = [by_kind[kind].values[seen, c, axis] - _shown(predicted[kind][seen, there], axis, way)
+               for kind, c, there, axis, way, seen, _ in self._blocks]
         return np.concatenate(out) if out else np.zeros(0)
 
     def residual(self, predicted):
@@ -194,6 +204,11 @@ class Observables:
             out.append(solve_triangular(factor, difference[first:first + len(seen)], lower=True))
             first += len(seen)
         return np.concatenate(out) if out else np.zeros(0)
+
+
+def _shown(vectors, axis, way):
+    """(m, ...) of vectors (m, 3, ...): along `way` (3,), None = along an axis."""
+    return vectors[:, axis] if way is None else np.tensordot(vectors, way, (1, 0))
 
 
 def channels_of(specimen):

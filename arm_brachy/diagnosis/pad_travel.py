@@ -215,7 +215,7 @@ def _push_back(evidence, pad, axis):
         return None
     j = force.names.index(pad)
     seen = force.valid[:, j]
-    push = -force.values[seen, j] @ axis
+    push = -force.vectors[seen, j] @ axis
     return (force.t[seen], push) if seen.sum() >= FEWEST and np.ptp(push) > 0.0 else None
 
 

@@ -14,12 +14,14 @@ REMAINS = 0.5     # of white noise, that straight pieces leave where pads move (
 class Stream:
     """k channels of c components, sampled together on one clock.
 
-    kind : ENCODER (c = 1), FORCE, OPTICAL or EM (c = 3)
+    kind : ENCODER (c = 1), FORCE, OPTICAL or EM (c = 3; forces along one direction: c = 1)
     t : (n,) [s], increasing;  names : k channels
     values : (n, k, c) SI, world or tracker frame, NaN where not seen;  valid : (n, k)
     bodies : what each channel sits on: TISSUE, BASE or the name of a pad
     rest : (k, c) the scene's positions at rest [m]; zero for encoders and forces
     taken : (k,) [m] noise that was taken out of encoders (`steadied`), None = of none
+    along : (k, 3) unit vectors of the world frame, along which the one component is measured;
+        None = components are those of the frame
     """
 
     kind: str
@@ -30,6 +32,7 @@ class Stream:
     bodies: tuple
     rest: np.ndarray
     taken: np.ndarray | None = None
+    along: np.ndarray | None = None
 
     @property
     def period(self):
@@ -50,7 +53,13 @@ class Stream:
         return replace(self, names=tuple(self.names[i] for i in index),
                        values=self.values[:, index], valid=self.valid[:, index],
                        bodies=tuple(self.bodies[i] for i in index), rest=self.rest[index],
-                       taken=None if self.taken is None else self.taken[index])
+                       taken=None if self.taken is None else self.taken[index],
+                       along=None if self.along is None else self.along[index])
+
+    @property
+    def vectors(self):
+        """Values (n, k, 3) in the frame; zero across where one component was measured."""
+        return self.values if self.along is None else self.values * self.along
 
     def path_error(self, duration):
         """(k,) [m] standard deviation of steadied encoders in their mean over `duration` [s].
@@ -90,6 +99,11 @@ class Stream:
             for c in range(out.shape[2]):
                 out[:, k, c] = np.interp(t, self.t[seen], self.values[seen, k, c])
         return out
+
+
+def components(vectors, along):
+    """What sensors show of vectors (..., k, 3): (..., k, 1) along `along` (k, 3), None = all."""
+    return vectors if along is None else np.sum(vectors * along, axis=-1, keepdims=True)
 
 
 def thinned(stream, period):

@@ -88,7 +88,7 @@ def _channels(evidence, kind, touch):
     for pad, travel in pushed.items():
         for channel in stream.on(pad)[:1]:
             rows = stream.valid[:, channel] & np.isfinite(q).all(axis=1)
-            values = stream.values[rows, channel]
+            values = stream.vectors[rows, channel]
             if len(values) < FEWEST:
                 continue
             fits = {other: _fit(x[rows], values) for other, x in pushed.items()}

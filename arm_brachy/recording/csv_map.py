@@ -55,13 +55,20 @@ class Encoders:
 
 @dataclass(frozen=True)
 class Forces:
-    """One force vector per pad -> force/<pad>/wrench. sign : on what the file's force acts."""
+    """One force vector per pad -> force/<pad>/wrench. sign : on what the file's force acts.
+
+    frame : whose axes `axes` are; forces are not turned into another one
+    directions : name -> axis (3,) in `frame` of a load cell, along which it counts as positive, for
+        cells of one axis: `columns` then has no {axis}. A cell that counts pressure as positive,
+        with its direction that of the push, is of sign on_tissue.
+    """
 
     csv: CsvFile
     columns: str
     sign: Literal['on_tool', 'on_tissue']
     unit: Literal['N', 'mN'] = 'N'
     axes: tuple[str, str, str] = ('x', 'y', 'z')
+    directions: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     names: dict[str, str] = field(default_factory=dict)
     frame: str = 'world'
 

@@ -37,6 +37,8 @@ def import_csv(map_file, out_dir, *, folder=None, attachments=None):
     for kind, build in _BUILDERS.items():
         for options in getattr(column_map, kind):
             _check_patterns(map_file, kind, options)
+            if kind == 'forces':
+                _check_directions(map_file, options)
             table = read_table(folder / options.csv.path, options.csv)
             t_ns = _shifted(table, column_map.start)
             topics, records = build(encoder, options, table, t_ns, report)
@@ -80,7 +82,7 @@ def _encoders(encoder, options, table, t_ns, report):
 
 
 def _forces(encoder, options, table, t_ns, report):
-    names, force = table.columns(options.columns, options.names, options.axes)
+    names, force = _force_vectors(options, table)
     force = force * (FORCE_UNITS[options.unit] * FORCE_SIGNS[options.sign])
     topics = [f'/force/{name}/wrench' for name in names]
     known = np.isfinite(force).all(axis=2)
@@ -92,6 +94,17 @@ def _forces(encoder, options, table, t_ns, report):
             for i in np.flatnonzero(known[k]):
                 yield t, topics[i], k, encoder.wrench(t, options.frame, force[k, i])
     return [(topic, encode.WRENCH) for topic in topics], records()
+
+
+def _force_vectors(options, table):
+    """(names, forces (n, k, 3)), of cells of one axis along it."""
+    if not options.directions:
+        return table.columns(options.columns, options.names, options.axes)
+    names = options.names or {name: name for name in options.directions}
+    names, read = table.columns(options.columns, names)
+    ways = np.array([options.directions[name] for name in names])
+    ways = ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    return names, read * ways
 
 
 def _optical(encoder, options, table, t_ns, report):
@@ -151,6 +164,22 @@ def _check_patterns(map_file, kind, options):
                                   f'{braces}')
         if pattern and '{key}' not in pattern:
             raise ConfigError(f'{map_file}: {kind}.{key} = {pattern!r}; must hold {{key}}')
+
+
+def _check_directions(map_file, options):
+    """A cell of one axis has a direction and no columns by axis; others the other way round."""
+    where, ways = f'{map_file}: forces', options.directions
+    if bool(ways) == ('axis' in _placeholders(map_file, 'forces', 'columns', options.columns)):
+        raise ConfigError(
+            f'{where}.columns = {options.columns!r}; must hold {{axis}}, or have `directions` for '
+            'load cells of one axis, and not both')
+    strange = set(ways) ^ set(options.names or ways) if ways else ()
+    if strange:
+        raise ConfigError(f'{where}.directions: {", ".join(sorted(strange))} must be in `names` '
+                          'and in `directions`')
+    for name, way in ways.items():
+        if not np.linalg.norm(way) > 0.0:
+            raise ConfigError(f'{where}.directions.{name} = {list(way)}; must be a direction')
 
 
 def _placeholders(map_file, kind, key, pattern):

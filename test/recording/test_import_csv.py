@@ -139,3 +139,41 @@ def test_dome_rig_tissue_pushes_back_on_every_pad(recordings, tmp_path):
         assert taken < 0.0  # sign `on_tool`: the force opposes the push
         assert abs(work.sum()) < 0.1 * abs(taken)  # and gives back what it took
 
+
+
+CELLS = """\
+name: cells
+forces:
+  - csv: {path: cells.csv, time: t}
+    columns: 'cell{key}'
+    sign: on_tissue
+    names: {a: '1', b: '2'}
+    directions: {a: [0, 3, 0], b: [3, 0, -4]}
+"""
+
+
+def cells(folder, old='', new=''):
+    (folder / 'cells.csv').write_text('t,cell1,cell2\n0,2,5\n0.01,,10\n')
+    (folder / 'cells.yaml').write_text(CELLS.replace(old, new))
+    import_csv(folder / 'cells.yaml', folder / 'bag')
+    return {name: [(m.wrench.force.x, m.wrench.force.y, m.wrench.force.z) for _, m in BagReader(
+        folder / 'bag').messages([f'/force/{name}/wrench'])] for name in 'ab'}
+
+
+def test_load_cells_of_one_axis_push_back_along_it(tmp_path):
+    found = cells(tmp_path)
+    np.testing.assert_allclose(found['a'], [(0, -2, 0)])
+    np.testing.assert_allclose(found['b'], [(-3, 0, 4), (-6, 0, 8)])
+
+
+@pytest.mark.parametrize(('old', 'new', 'message'), [
+    ('{a: [0, 3, 0], b: [3, 0, -4]}', '{}', r"columns = 'cell\{key\}'; must hold \{axis\}, or have "
+     '`directions` for load cells of one axis'),
+    ("'cell{key}'", "'cell{key}{axis}'", 'and not both'),
+    ('b: [3, 0, -4]', 'b: [0, 0, 0]', r'forces.directions.b = \[0.0, 0.0, 0.0\]; must be a dir'),
+    ('b: [3, 0, -4]', 'c: [0, 0, 1]', 'forces.directions: b, c must be in `names` and in `dir'),
+    ('directions:', 'axes: [Z]\n    directions:', r"axes = \['Z'\]; must have 3 entries")])
+def test_cells_without_a_direction_are_refused_in_a_line(tmp_path, old, new, message):
+    with pytest.raises(ConfigError, match=message) as refused:
+        cells(tmp_path, old, new)
+    assert '\n' not in str(refused.value) and 'cells.yaml' in str(refused.value)

@@ -1,0 +1,65 @@
+"""Force sensors of one axis: load cells in line with their actuators, recorded as vectors.
+
+What such a cell reads is one component of a vector, or its length along a line; the rest of the
+vector is no measurement, and to compare it with a model would name forces across that nobody saw.
+Test: diagnosis/structural/test_one_axis.py
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+LINE = 1e-3     # of the spread of a sensor's readings, that may be off a line: rounding
+IN_LINE = 0.9   # cosine of a line and a push, from which one goes along the other
+FEWEST = 20     # samples of a sensor
+
+
+def measured_axes(values):
+    """Vectors (n, k, 3) with the axes that a sensor never has set to zero beside those it has."""
+    absent = np.isnan(values).all(axis=0)
+    absent &= ~absent.all(axis=1, keepdims=True)
+    return np.where(absent, 0.0, values)
+
+
+def along_pushes(stream, pushes, notes):
+    """The Stream of forces with c = 1, along the pushes, if a sensor has but one axis.
+
+    pushes : name of a pad -> unit vector (3,);  notes : list that is told
+    Vectors on a line that is not the push are readings in an axis of the sensor: of unknown sign,
+    so that what is read under the greatest load is taken to push back.
+    """
+    lines = [_line(stream.values[stream.valid[:, k], k]) for k in range(len(stream.names))]
+    known = [name for name, line in zip(stream.names, lines, strict=True) if line is not None]
+    if not known:
+        return stream
+    along = np.array([pushes[name] for name in stream.names])
+    values, turned = np.empty((*stream.values.shape[:2], 1)), []
+    for k, (name, line) in enumerate(zip(stream.names, lines, strict=True)):
+        way = along[k]
+        if line is not None and abs(line @ way) < IN_LINE:
+            way = _pushing_back(line, stream.values[:, k])
+            turned.append(name)
+        values[:, k, 0] = stream.values[:, k] @ way
+    notes.append(f'The force sensors of {", ".join(known)} have one axis: forces are compared '
+                 'along the push of each pad' + ('.' if len(known) == len(stream.names) else
+                                                 ', those of the other sensors too.'))
+    if turned:
+        notes.append(f'What is read on {", ".join(turned)} lies on a line that is not the push: it '
+                     'is taken for the force in line with the actuator.')
+    return replace(stream, values=values, along=along)
+
+
+def _line(values):
+    """Direction (3,) of a line that values (n, 3) lie on; None if they do not."""
+    if len(values) < FEWEST:
+        return None
+    spread, ways = np.linalg.svd(values - values.mean(axis=0), full_matrices=False)[1:]
+    return ways[0] if 0.0 < spread[0] and spread[1] <= LINE * spread[0] else None
+
+
+def _pushing_back(line, values):
+    """The direction of a line (3,) along which values (n, 3) are negative where they are largest.
+    """
+    read = values @ line
+    off = read - np.nanmedian(read)
+    return -line if off[np.nanargmax(np.abs(off))] > 0.0 else line
