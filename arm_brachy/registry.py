@@ -15,13 +15,13 @@ from arm_brachy.core.term import Kind, Stage
 from arm_brachy.devices.terms.actuator_compliance import ActuatorCompliance
 from arm_brachy.devices.terms.actuator_gain import ActuatorGain
 from arm_brachy.devices.terms.actuator_lag import ActuatorLag
+from arm_brachy.devices.terms.axis_crosstalk import AxisCrosstalk
 from arm_brachy.devices.terms.backlash import Backlash
 from arm_brachy.devices.terms.clock_offset import ClockOffset
 from arm_brachy.devices.terms.em_distortion import EmDistortion
 from arm_brachy.devices.terms.em_offset import EmOffset
 from arm_brachy.devices.terms.force_drift import ForceDrift
 from arm_brachy.devices.terms.force_gain import ForceGain
-from arm_brachy.devices.terms.force_misalignment import ForceMisalignment
 from arm_brachy.devices.terms.lost_steps import LostSteps
 from arm_brachy.devices.terms.marker_slip import MarkerSlip
 from arm_brachy.devices.terms.optical_scale import OpticalScale
@@ -63,7 +63,7 @@ TERMS = (
     # From the motor to the pad: the force on the pad acts last.
     ActuatorLag, ActuatorGain, Backlash, LostSteps, ActuatorCompliance,
     # From the thing seen to what is read of it: place, scale, zero, stamp.
-    MarkerSlip, OpticalScale, EmDistortion, EmOffset, ForceMisalignment, ForceGain, ForceDrift,
+    MarkerSlip, OpticalScale, EmDistortion, EmOffset, AxisCrosstalk, ForceGain, ForceDrift,
     ClockOffset,
 )
 

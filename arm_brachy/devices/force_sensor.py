@@ -69,7 +69,7 @@ class ForceSensor:
 
     params : ForceSensorParams;  pads : p names;  rng : numpy Generator
     terms : sensing terms of Stage.FORCE, applied to the true forces (not moments), before noise
-    Cross-talk between sensors is not modelled; between axes it is the term `force_misalignment`.
+    Cross-talk between sensors is not modelled; between axes it is the term `axis_crosstalk`.
     Test: devices/test_force_sensor.py
     """
 

@@ -20,8 +20,8 @@ from arm_brachy.diagnosis.nuisances import MODULUS
 class SetUp:
     """Nuisances that recordings share, in prior standard deviations: mean + spread z, z ~ N(0, I).
 
-    names : k, errors of the mesh last, which have theirs several times;  mean : (k,);  spread : (k, k) lower triangular, so that
-        what is known of the mesh alone stays apart
+    names : k, errors of the mesh last, one name for many;  mean : (k,)
+    spread : (k, k) lower triangular, so that what is known of the mesh alone stays apart
     """
 
     names: tuple

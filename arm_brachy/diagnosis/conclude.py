@@ -103,13 +103,14 @@ def nearest_of(assembly, decision, fits, ratio, tests):
     return Nearest(fitted.causes(0.0), tuple(places), errors)
 
 
-def errors_of(assembly, fitted, ratio, tests):
+def errors_of(assembly, fitted, ratio, tests, *, mesh=True):
     """statements.StreamFit on what was held out; arguments as of `nearest_of`.
 
     fitted : Fitted of what was found, None = nothing
+    mesh : False = what is known of the errors of the mesh is taken off, as no scene could
     """
-    numbers = AS_FOUND if tests else CHORD
-    return stream_fits(parts_of(assembly, fitted, ratio, numbers=numbers), [
+    parts = parts_of(assembly, fitted, ratio, numbers=AS_FOUND if tests else CHORD)
+    return stream_fits(parts if mesh else [part.beside_mesh() for part in parts], [
         (m.recorded.name, tested_part(assembly, m, fitted, ratio)) for m in tests])
 
 

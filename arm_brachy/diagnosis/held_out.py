@@ -1,6 +1,6 @@
 """Errors on what was held out: every kind of push predicted by what the other kinds say."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -38,6 +38,12 @@ class Part:
     named: np.ndarray | None = None
     columns: np.ndarray | None = None
     back: np.ndarray | None = None
+
+    def beside_mesh(self):
+        """The Part with what its mesh is known to be wrong by taken off all that is left."""
+        named = None if self.named is None else self.named - self.of_mesh
+        return replace(self, r=self.r - self.of_mesh, named=named,
+                       of_mesh=np.zeros_like(self.of_mesh))
 
 
 def _which(parts, flags):

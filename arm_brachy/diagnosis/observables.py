@@ -190,7 +190,8 @@ class Observables:
         predicted : kind -> (n, c, 3) in the model's order, e.g. `Baseline.shown`
         """
         by_kind = {stream.kind: stream for stream in self.measured}
-        out = [by_kind[kind].values[seen, c, axis] - _shown(predicted[kind][seen, there], axis, way)
+        out = [by_kind[kind].values[seen, c, axis]
+               - _shown(predicted[kind][seen, there], axis, way)
                for kind, c, there, axis, way, seen, _ in self._blocks]
         return np.concatenate(out) if out else np.zeros(0)
 

@@ -40,12 +40,12 @@ def along_pushes(stream, pushes, notes):
             way = _pushing_back(line, stream.values[:, k])
             turned.append(name)
         values[:, k, 0] = stream.values[:, k] @ way
+    others = '' if len(known) == len(stream.names) else ', those of the others too'
     notes.append(f'The force sensors of {", ".join(known)} have one axis: forces are compared '
-                 'along the push of each pad' + ('.' if len(known) == len(stream.names) else
-                                                 ', those of the other sensors too.'))
+                 f'along the push of each pad{others}.')
     if turned:
-        notes.append(f'What is read on {", ".join(turned)} lies on a line that is not the push: it '
-                     'is taken for the force in line with the actuator.')
+        notes.append(f'What is read on {", ".join(turned)} lies on a line that is not the push: '
+                     'it is taken for the force in line with the actuator.')
     return replace(stream, values=values, along=along)
 
 

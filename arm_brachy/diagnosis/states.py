@@ -16,7 +16,7 @@ CENTRED = 1e-3      # s: a sample that near the centre of a ramp's window is at 
 
 @dataclass(frozen=True)
 class Averaged:
-    """One stream at m load states. names, bodies, along : as of a Stream;  rest : (k, c) of the scene
+    """One stream at m load states. names, bodies, along : of the Stream;  rest : (k, c), too
 
     values : (m, k, c) SI, NaN where not seen;  variance : (m, k, c) of these means, infinite there
     count : (m, k) samples averaged
@@ -160,7 +160,8 @@ def _averaged(stream, noise, windows, late):
         values[i, some] = mean[some]
         variance[i, some] = (factor[:, None] * noise.sd ** 2)[some]
         count[i] = n
-    return Averaged(stream.names, stream.bodies, stream.rest, values, variance, count, stream.along)
+    return Averaged(stream.names, stream.bodies, stream.rest, values, variance, count,
+                    stream.along)
 
 
 def _rows(stream, window, late):

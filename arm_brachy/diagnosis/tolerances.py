@@ -24,7 +24,7 @@ TOLERATED = (
     ('compliance', 'actuator_compliance', ('compliance',), PER_ACTUATOR),
     ('direction', 'pad_misplacement', ('tilt_up', 'tilt_side'), PER_PAD),
     ('scale', 'optical_scale', ('scale',), ''),
-    ('sensor_axes', 'force_misalignment', ('turn',), PER_PAD),
+    ('crosstalk', 'axis_crosstalk', ('onward', 'backward'), PER_PAD),
     ('force_drift', 'force_drift', ('rate',), PER_PAD),
     ('clock', 'clock_offset', ('delay',), PER_STREAM),
     ('restless', 'breathing', ('amplitude',), PER_WAVE),

@@ -32,7 +32,7 @@ SEED = 20260418
 SCENARIO = config_dir() / 'scenarios' / 'probe_rich.yaml'
 SCENE = config_dir() / 'scenes' / 'breast.yaml'             # the model
 INERT_HERE = ('damping', 'point_mass')     # no inertia, no gravity
-LATER = ('point_mass', 'force_misalignment')    # terms, whose cases come after the last null
+LATER = ('point_mass', 'axis_crosstalk')    # terms, whose cases come after the last null
 SIZES = (1.0, 0.1)                      # of what the registry calls typical
 NULLS, NULL_PLANTS, FIRST = 60, 12, 6   # draws, plant runs shared by them, nulls made first
 TOGETHER = {'base_compliance': ('normal', 'tangential')}   # else the first strength alone
@@ -153,8 +153,8 @@ def _direction(name, place, rng):
         way = np.array([*rng.standard_normal(2), 0.0])
     elif name in ANYWHERE:
         way = rng.standard_normal(3)
-    elif name == 'force_misalignment':      # not about the line of the force
-        way = np.cross(_push(place), rng.standard_normal(3))
+    elif name == 'axis_crosstalk':      # of the axes that the push loads
+        way = np.abs(_push(place))
     else:
         raise ValueError(f'{name} has a vector strength; its direction must be drawn here')
     return way / np.linalg.norm(way)
@@ -213,7 +213,7 @@ def _marker(rng):
 
 PLACES = {
     'pad_misplacement': _pad, 'pad_slip': _pad, 'force_gain': _pad, 'force_drift': _pad,
-    'force_misalignment': _pad,
+    'axis_crosstalk': _pad,
     'actuator_gain': _actuator, 'backlash': _actuator, 'actuator_compliance': _actuator,
     'lost_steps': lambda rng: {**_actuator(rng), **_onset(rng)},
     'inclusion': _inside, 'base_debond': _on_base, 'anisotropy': _fibres,

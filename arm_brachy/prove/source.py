@@ -22,7 +22,7 @@ from arm_brachy.prove.plan import CONFOUNDED, NULL, PAIR, SINGLE, STRANGE
 
 # A lag before the encoders cannot be seen beside them; the rest of the catalogue can be.
 VISIBLE = tuple(name for name in TERMS if name not in INERT)
-JOINED = ('force_misalignment',)    # of them, those that no trial before wishes were kept had
+JOINED = ('axis_crosstalk',)    # of them, those that no trial before wishes were kept had
 # Seen by the markers on the pads alone, a step that a pad lost is a slip of its marker.
 ALIKE = ('lost_steps', 'marker_slip')
 WITHHELD = ('forces', 'em', 'tissue')

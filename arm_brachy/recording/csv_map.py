@@ -58,9 +58,9 @@ class Forces:
     """One force vector per pad -> force/<pad>/wrench. sign : on what the file's force acts.
 
     frame : whose axes `axes` are; forces are not turned into another one
-    directions : name -> axis (3,) in `frame` of a load cell, along which it counts as positive, for
-        cells of one axis: `columns` then has no {axis}. A cell that counts pressure as positive,
-        with its direction that of the push, is of sign on_tissue.
+    directions : name -> axis (3,) in `frame` along which a load cell counts as positive, for cells
+        of one axis: `columns` then has no {axis}. A cell that counts pressure as positive, with
+        its direction that of the push, is of sign on_tissue.
     """
 
     csv: CsvFile

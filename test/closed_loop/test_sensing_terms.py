@@ -14,7 +14,7 @@ TERMS = {
            {'name': 'clock_offset', 'stream': 'em', 'delay_ms': 60}],
     'optical': [{'name': 'optical_scale', 'scale': 0.01},
                 {'name': 'clock_offset', 'stream': 'optical', 'delay_ms': -30}],
-    'force': [{'name': 'force_misalignment', 'turn_deg': [0, 0, 30], 'pads': ['pad_1']},
+    'force': [{'name': 'axis_crosstalk', 'onward': [0.1, 0, 0], 'pads': ['pad_1']},
               {'name': 'force_gain', 'gain': 0.1, 'pads': ['pad_2']},
               {'name': 'force_drift', 'rate_N_min': [3.0, 0.0, 0.0]},
               {'name': 'clock_offset', 'stream': 'force', 'delay_ms': 20}],
@@ -81,10 +81,9 @@ def test_the_stream_itself_differs_by_its_terms(plain, distorted):
         np.testing.assert_allclose(seen - true, 0.01 * true, atol=1e-5)
     else:
         gain = np.array([1.0, 1.1, 1.0, 1.0])[:, None]
-        turned = true.copy()
-        cos, sin = np.cos(np.pi / 6), np.sin(np.pi / 6)
-        turned[:, 0] = true[:, 0] @ [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]
-        expected = gain * turned + when[:, None, None] * [0.05, 0.0, 0.0]
+        mixed = true.copy()
+        mixed[:, 0, 1] += 0.1 * true[:, 0, 0]
+        expected = gain * mixed + when[:, None, None] * [0.05, 0.0, 0.0]
         np.testing.assert_allclose(seen, expected, atol=1e-12)
 
 

@@ -20,13 +20,13 @@ from arm_brachy.devices.optical_tracker import OpticalParams, OpticalTracker
 from arm_brachy.devices.terms.actuator_compliance import ActuatorCompliance
 from arm_brachy.devices.terms.actuator_gain import ActuatorGain
 from arm_brachy.devices.terms.actuator_lag import ActuatorLag
+from arm_brachy.devices.terms.axis_crosstalk import AxisCrosstalk
 from arm_brachy.devices.terms.backlash import Backlash
 from arm_brachy.devices.terms.clock_offset import ClockOffset
 from arm_brachy.devices.terms.em_distortion import EmDistortion
 from arm_brachy.devices.terms.em_offset import EmOffset
 from arm_brachy.devices.terms.force_drift import ForceDrift
 from arm_brachy.devices.terms.force_gain import ForceGain
-from arm_brachy.devices.terms.force_misalignment import ForceMisalignment
 from arm_brachy.devices.terms.lost_steps import LostSteps
 from arm_brachy.devices.terms.marker_slip import MarkerSlip
 from arm_brachy.devices.terms.optical_scale import OpticalScale
@@ -34,7 +34,7 @@ from arm_brachy.devices.terms.optical_scale import OpticalScale
 NAMES = ('a', 'b', 'c')
 PARAMS = (ActuatorParams, EmTrackerParams, OpticalParams, ForceSensorParams)
 TERMS = (ActuatorLag, ActuatorGain, Backlash, LostSteps, ActuatorCompliance, MarkerSlip,
-         OpticalScale, EmDistortion, EmOffset, ForceMisalignment, ForceGain, ForceDrift,
+         OpticalScale, EmDistortion, EmOffset, AxisCrosstalk, ForceGain, ForceDrift,
          ClockOffset)
 
 # Straight motion, so that the truth between two ticks does not depend on how time is cut.

@@ -13,6 +13,7 @@ from arm_brachy.cell import pad_directions
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene, with_mesh
+from arm_brachy.devices.terms.axis_crosstalk import AxisCrosstalk
 from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
 from arm_brachy.diagnosis.diagnose import STEPS, diagnose
 from arm_brachy.diagnosis.diagnosis import Provenance
@@ -133,7 +134,7 @@ def test_a_force_sensor_drifts_from_when_it_was_tared(scene):
 
 
 def test_cross_talk_of_a_force_sensor_is_named_at_its_pad(record):
-    """Not a turn, but what it does across the load is: the load has one direction."""
+    """Single shares are not known, as the load has one direction: what it makes of it is."""
     crosstalk = np.array([[0.0, 0.0, 0.05], [0.06, 0.0, 0.0], [-0.08, 0.0, 0.0]])
     evidence = record()
     pad = evidence.streams[FORCE].names.index('pad_1')
@@ -143,11 +144,11 @@ def test_cross_talk_of_a_force_sensor_is_named_at_its_pad(record):
     d = diagnose((evidence,), source(), null=(record(seed=2, name='sound'),),
                  meshes=MESHES).diagnosis
     cause, = d.causes
-    assert (d.verdict, cause.term) == ('named', 'force_misalignment')
+    assert (d.verdict, cause.term) == ('named', 'axis_crosstalk')
     assert cause.applies_to == {'pads': ('pad_1',)}
-    told, more = np.cross(cause.parameters['turn'].value, load), crosstalk @ load
-    across = more - load * (more @ load) / (load @ load)
-    assert np.linalg.norm(told - across) < 0.15 * np.linalg.norm(across)
+    term = AxisCrosstalk(**{name: one.value for name, one in cause.parameters.items()})
+    np.testing.assert_allclose(term.matrix @ load, crosstalk @ load,
+                               atol=0.15 * np.linalg.norm(crosstalk @ load))
 
 
 def test_tissue_that_is_softer_than_in_the_null_recording_lacks_no_physics(record):

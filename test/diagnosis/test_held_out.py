@@ -129,3 +129,13 @@ def test_a_cause_that_other_kinds_do_not_show_predicts_nothing():
             for columns in (chords(tangents, z, bump(*z)), tangents)]
     chord, tangent = (fit.named / fit.recalibrated for fit in fits)
     assert chord == pytest.approx(1.0, rel=1e-6) and tangent > 1.5
+
+
+def test_what_the_mesh_is_known_to_be_wrong_by_can_be_taken_off():
+    """It predicts nothing, but need not hide what a cause does."""
+    plain = part(np.random.default_rng(6))
+    off = np.where(np.arange(len(plain.r)) % 2, 30.0, -30.0)
+    hidden = replace(plain, r=plain.r + off, named=plain.named + off, of_mesh=off)
+    blurred, (seen,) = stream_fits([hidden])[0], stream_fits([hidden.beside_mesh()])
+    assert blurred.named > 10.0 * SD and seen.named == pytest.approx(SD, rel=0.15)
+    assert seen.recalibrated == pytest.approx(stream_fits([plain])[0].recalibrated, rel=1e-9)

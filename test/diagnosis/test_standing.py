@@ -28,7 +28,7 @@ def judged(held_out):
 def errors(monkeypatch):
     """Function that sets (optical, force) errors with what was found; without 0.02 mm, 0.03 N."""
     def given(optical, force):
-        monkeypatch.setattr(door, 'errors_of', lambda *_: (
+        monkeypatch.setattr(door, 'errors_of', lambda *_, **__: (
             StreamFit('optical', 8e-5, 2e-5, 1.8e-5, optical),
             StreamFit('force', 0.05, 0.03, 0.008, force)))
     return given

@@ -167,8 +167,8 @@ def test_load_cells_of_one_axis_push_back_along_it(tmp_path):
 
 
 @pytest.mark.parametrize(('old', 'new', 'message'), [
-    ('{a: [0, 3, 0], b: [3, 0, -4]}', '{}', r"columns = 'cell\{key\}'; must hold \{axis\}, or have "
-     '`directions` for load cells of one axis'),
+    ('{a: [0, 3, 0], b: [3, 0, -4]}', '{}',
+     r"columns = 'cell\{key\}'; must hold \{axis\}, or have `directions` for load cells"),
     ("'cell{key}'", "'cell{key}{axis}'", 'and not both'),
     ('b: [3, 0, -4]', 'b: [0, 0, 0]', r'forces.directions.b = \[0.0, 0.0, 0.0\]; must be a dir'),
     ('b: [3, 0, -4]', 'c: [0, 0, 1]', 'forces.directions: b, c must be in `names` and in `dir'),

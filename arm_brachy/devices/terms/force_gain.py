@@ -15,7 +15,7 @@ class ForceGain(SensingTerm):
     """Forces on some or all pads are scaled, all axes alike.
 
     Symbols: f_i true force on pad i [N], g `gain`. Moments are left alone. Holds for a sensitivity
-    that is off; one that mixes its axes is `force_misalignment`, a bent characteristic no term.
+    that is off; one that mixes its axes is `axis_crosstalk`, a bent characteristic no term.
     Test: devices/terms/test_force_gain.py
     """
 

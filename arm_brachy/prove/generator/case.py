@@ -18,7 +18,7 @@ TERMS = (
     'inclusion', 'strain_stiffening', 'anisotropy', 'gravity', 'reference_shape',
     'pad_misplacement', 'base_debond', 'base_compliance', 'external_force', 'obstacle',
     'swelling_drift', 'stiffness_drift', 'breathing', 'viscoelasticity', 'stress_softening',
-    'force_misalignment',
+    'axis_crosstalk',
 )
 
 

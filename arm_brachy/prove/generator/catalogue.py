@@ -178,8 +178,9 @@ def tilted_up(rng):
 
 def mounting(rng, body, s):
     """Values of what joined later at size s: families draw all they have, so it has its own."""
-    return {'force_misalignment': {'turn_deg': tuple(3 * s * direction(rng)),
-                                   'pads': some_pad(rng, body)}}
+    return {'axis_crosstalk': {'onward': tuple(0.05 * s * direction(rng)),
+                               'backward': tuple(0.05 * s * direction(rng)),
+                               'pads': some_pad(rng, body)}}
 
 
 FAMILIES = {'actuation': actuation, 'sensing': sensing, 'material': material,

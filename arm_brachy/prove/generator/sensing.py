@@ -59,15 +59,14 @@ def force_gain(streams, v):
     forces.values[:, chosen(forces.names, v['pads'])] *= 1 + v['gain']
 
 
-def force_misalignment(streams, v):
-    """Forces in turned axes, by Rodrigues' formula."""
+def axis_crosstalk(streams, v):
+    """Shares of the force along every axis in the other two."""
     forces = streams['forces']
     which = chosen(forces.names, v['pads'])
-    turn = np.radians(v['turn_deg'])
-    angle = np.linalg.norm(turn)
-    f, axis = forces.values[:, which], turn / angle
-    forces.values[:, which] = (np.cos(angle) * f + np.sin(angle) * np.cross(axis, f)
-                               + (1 - np.cos(angle)) * (f @ axis)[..., None] * axis)
+    x, y, z = np.moveaxis(forces.values[:, which], -1, 0)
+    (xy, yz, zx), (xz, yx, zy) = v['onward'], v['backward']     # from, to
+    forces.values[:, which] = np.stack([x + yx * y + zx * z, y + xy * x + zy * z,
+                                        z + xz * x + yz * y], axis=-1)
 
 
 def force_drift(streams, v):
@@ -89,7 +88,7 @@ SENSING = {
     'em_distortion': em_distortion,
     'em_offset': em_offset,
     'force_gain': force_gain,
-    'force_misalignment': force_misalignment,
+    'axis_crosstalk': axis_crosstalk,
     'force_drift': force_drift,
     'clock_offset': clock_offset,
 }

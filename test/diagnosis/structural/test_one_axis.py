@@ -62,7 +62,7 @@ def test_beside_one_of_one_axis_the_others_are_taken_along_the_push_too():
     values[:, 1] += rng.standard_normal((N, 1)) * across
     found = along_pushes(stream(values), PUSHES, notes)
     np.testing.assert_allclose(found.values[..., 0], READ, atol=1e-12)
-    assert 'sensors of a have one axis' in notes[0] and 'the other sensors too' in notes[0]
+    assert 'sensors of a have one axis' in notes[0] and 'those of the others too' in notes[0]
 
 
 def test_what_sensors_of_one_axis_show_of_a_vector():

@@ -3,7 +3,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from arm_brachy.prove.generator import actuation
 from arm_brachy.prove.generator.body import COARSE
@@ -12,7 +11,7 @@ from arm_brachy.prove.generator.catalogue import Effect
 from arm_brachy.prove.generator.mismount import to_ball
 from arm_brachy.prove.generator.plant import build_world, play
 from arm_brachy.prove.generator.protocol import Protocol
-from arm_brachy.prove.generator.sensing import Stream, force_misalignment
+from arm_brachy.prove.generator.sensing import Stream, axis_crosstalk
 from arm_brachy.prove.generator.tissue import met, reshaping
 from arm_brachy.prove.generator.world import pad_markers
 
@@ -80,15 +79,15 @@ def test_modulus_scales_forces_and_moves_nothing(outputs):
     assert np.abs(same - moved).max() < 2e-7
 
 
-def test_turned_axes_turn_the_forces_of_their_pad():
+def test_axes_of_a_pads_sensor_talk_into_each_other():
     t, forces = np.arange(3.0), np.random.default_rng(0).normal(size=(3, 2, 3))
     streams = {'forces': Stream(('pad_1', 'pad_2'), t, t, forces.copy(), np.zeros((3, 2)))}
-    turn = (2.0, -1.0, 40.0)
-    force_misalignment(streams, {'turn_deg': turn, 'pads': ('pad_2',)})
+    axis_crosstalk(streams, {'onward': (0.1, 0.2, 0.3), 'backward': (0.4, 0.5, 0.6),
+                             'pads': ('pad_2',)})
     found = streams['forces'].values
     np.testing.assert_array_equal(found[:, 0], forces[:, 0])
-    np.testing.assert_allclose(
-        found[:, 1], Rotation.from_rotvec(turn, degrees=True).apply(forces[:, 1]), atol=1e-14)
+    shown = np.array([[1.0, 0.5, 0.3], [0.1, 1.0, 0.6], [0.4, 0.2, 1.0]])
+    np.testing.assert_allclose(found[:, 1], forces[:, 1] @ shown.T, atol=1e-14)
 
 
 def test_stiffness_drift_grows_from_its_onset(outputs):
