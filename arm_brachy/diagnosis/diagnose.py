@@ -41,7 +41,6 @@ from arm_brachy.diagnosis.partial_residuals import partials
 from arm_brachy.diagnosis.recorded import look
 from arm_brachy.diagnosis.shared_noise import shared_noise
 from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.standing import standing
 from arm_brachy.diagnosis.statements import Recording
 from arm_brachy.diagnosis.states import LIMIT
 from arm_brachy.diagnosis.traces import traces
@@ -114,8 +113,8 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     occasions = occasions_of(looked)
     tried = try_all(matched, occasions, lambda done, of, name: say(STEPS[2], done / of))
     say(STEPS[3], 0.0)
-    judgement = standing(judged(matched, tests, tried, len(null), provenance.seed, accuracy,
-                                ensemble.limit), ratio)
+    judgement = judged(matched, tests, tried, len(null), provenance.seed, accuracy,
+                       ensemble.limit)
     provenance = replace(provenance, recordings=_recordings(looked, tested, sound))
     left = ensemble.limit.left if judgement.at_limit else ensemble
     request = asked(judgement.assembly, judgement.decision, left, calibration)
