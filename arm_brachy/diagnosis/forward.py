@@ -84,7 +84,9 @@ class ForwardModel:
         self.directions = np.array([pad.direction for pad in body.pads])
         self.remembers = remembers(body, self.body_terms)
         self.timed = timed(self.body_terms)
-        self.equilibria = None if self.remembers or self.timed else Equilibria(body, options)
+        self.equilibria = (None if self.remembers else
+                           TimedEquilibria(body, self.body_terms, options) if self.timed else
+                           Equilibria(body, options))
 
     def pad_path(self, encoder, t):
         """Return the Path of the pads, given that of the encoders, for states at t (n,) [s].
@@ -126,9 +128,6 @@ class ForwardModel:
             return self._alike.trajectory(self.body, self.body_terms, times, pads, self._options)
         if self.remembers:
             return stepped(self.specimen.body, self.body_terms, times, pads, self._options)
-        if self.timed:
-            return TimedEquilibria(self.body, self.body_terms, self._options).trajectory(
-                times, pads, partner)
         return self.equilibria.trajectory(times, pads, partner)
 
     def lateness(self, kind):

@@ -168,7 +168,7 @@ class RecordingFit:
         self.runs += 1
         model = ForwardModel(self.data.specimen, (*self.data.terms, *terms), options=STATICS)
         if model.equilibria is not None:
-            if self._last is not None:
+            if isinstance(self._last, type(model.equilibria)):
                 model.equilibria.begin_from(self._last)
             self._last = model.equilibria
         return model

@@ -132,14 +132,20 @@ class TimedEquilibria:
 
     def __init__(self, body, terms, options=None):
         self.body, self.terms = body, terms
-        self.solver = StaticSolver(body, options=options)
+        self.solver, self._x = StaticSolver(body, options=options), {}      # by their instant
         self._memories = tuple(term.memory(body) for term in terms)
+
+    def begin_from(self, other):
+        """Begin from the states that another TimedEquilibria of a mesh alike has found."""
+        shift = self.body.mesh.nodes - other.body.mesh.nodes
+        self._x = {t: x + shift for t, x in other._x.items()}
 
     def trajectory(self, t, pads, partner=None):
         """Return the Trajectory at t (m,) [s] with the pads at `pads` (m, p, 3) [m].
 
         partner : (m,) number of the instant whose state is taken (`partners`), None = its own
-        Each is found from the one found before whose pads are nearest.
+        Each is found from what is known of its instant, else from the one found before whose pads
+        are nearest.
         """
         flat, found = pads.reshape(len(t), -1), {}
         partner = np.arange(len(t)) if partner is None else partner
@@ -148,9 +154,12 @@ class TimedEquilibria:
             near = min((k for k in found if found[k][0].outcome.ok), default=None,
                        key=lambda k: np.abs(flat[k] - flat[i]).max())
             fields = self._fields(t[i])
-            found[i] = self.solver.follow(
-                self.body.mesh.nodes if near is None else found[near][0].x,
-                self.solver.held_positions(pads[i], fields.base), fields), fields.base
+            start = self._x.get(t[i], self.body.mesh.nodes if near is None else found[near][0].x)
+            state = self.solver.follow(start, self.solver.held_positions(pads[i], fields.base),
+                                       fields)
+            found[i] = state, fields.base
+            if state.outcome.ok:
+                self._x[t[i]] = state.x
         states, base = zip(*(found[i] for i in partner), strict=True)
         x, force = np.stack([s.x for s in states]), np.stack([s.pad_force for s in states])
         lost = np.array([not s.outcome.ok for s in states])

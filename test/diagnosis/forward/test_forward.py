@@ -85,6 +85,29 @@ def test_what_follows_the_clock_needs_no_steps(specimen, encoder, plant, elastic
     assert np.abs(found.force - forces).max() < 1e-4 < np.abs(found.force - elastic.force).max()
 
 
+def test_what_follows_the_clock_begins_where_a_model_alike_was(specimen, encoder, monkeypatch):
+    """The same states, by half the corrections at most."""
+    follow, made = StaticSolver.follow, []
+
+    def counted(*args, **more):
+        made.append(follow(*args, **more))
+        return made[-1]
+
+    monkeypatch.setattr(StaticSolver, 'follow', counted)
+    models = [ForwardModel(specimen, (Breathing(amplitude=a, frequency=0.3),))
+              for a in (1e-3, 1.01e-3, 1.01e-3)]
+    counts, found = [], []
+    for model in (models[0], models[2], models[1]):
+        if model is models[1]:
+            model.equilibria.begin_from(models[0].equilibria)
+        made.clear()
+        found.append(model.predict(encoder, STATES))
+        counts.append(sum(one.iterations for one in made))
+    np.testing.assert_allclose(found[2].force, found[1].force, atol=1e-5)
+    np.testing.assert_allclose(found[2].optical, found[1].optical, atol=1e-8)
+    assert counts[2] < 0.5 * counts[1]
+
+
 def test_memory_carried_along_its_own_trajectory_is_that_of_the_simulator(specimen, encoder):
     model = ForwardModel(specimen, (Viscoelasticity(g1=0.4, tau1=2.0),))
     states = model.trajectory(model.pad_path(encoder, STATES), STATES)
