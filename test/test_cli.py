@@ -41,7 +41,7 @@ def run(*args):
 
 
 def shell(command, **options):
-    program = f'{shlex.quote(sys.executable)} -c "from arm_brachy.cli import main; main()"'
+    program = f'{shlex.quote(sys.executable)} -m arm_brachy'
     return subprocess.run(command.replace('arm-brachy', program), shell=True, text=True,
                           capture_output=True, timeout=60, **options)
 
