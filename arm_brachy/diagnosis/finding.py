@@ -37,9 +37,9 @@ class Calibration:
                                  high=100.0, source='own choice: tared to one or two counts')
     force_gain: float = quantity(0.01, '', 'scale of a force sensor', low=0.0, high=1.0,
                                  source='own choice: hung with a few weights of 0.5 % each')
-    crosstalk: float = quantity(0.01, '', 'share of a force that shows along another axis of the '
-                                'sensor', low=0.0, high=1.0, source='own choice: 1 %, a good data '
-                                'sheet, or axes half a degree off')
+    sensor_axes: float = quantity(0.5, 'deg', 'turn of the axes of a force sensor, about each',
+                                  low=0.0, high=90.0, source='own choice: screwed on to a stop; '
+                                                             'as much as cross-talk of 1 %')
     force_drift: float = quantity(0.02, 'N_min', 'drift of a force sensor, per axis', low=0.0,
                                   high=100.0, source='own choice: 0.1 % of 20 N per minute')
     touch: float = quantity(0.2, 'mm', 'pad position where the encoder says zero', low=0.0,

@@ -24,7 +24,6 @@ TOLERATED = (
     ('compliance', 'actuator_compliance', ('compliance',), PER_ACTUATOR),
     ('direction', 'pad_misplacement', ('tilt_up', 'tilt_side'), PER_PAD),
     ('scale', 'optical_scale', ('scale',), ''),
-    ('crosstalk', 'axis_crosstalk', ('onward', 'backward'), PER_PAD),
     ('force_drift', 'force_drift', ('rate',), PER_PAD),
     ('clock', 'clock_offset', ('delay',), PER_STREAM),
     ('restless', 'breathing', ('amplitude',), PER_WAVE),

@@ -5,7 +5,6 @@ that effects are overrated by up to the square root of two.
 """
 
 from dataclasses import replace
-from itertools import permutations
 
 import numpy as np
 
@@ -213,14 +212,13 @@ def _drifts(null):
 
 
 def _scales(null):
-    """(stream, change) of one tolerance: where tools are, scale and cross-talk of every
-    force, scale of the tracker.
+    """(stream, change) of one tolerance: where tools are, scale and axes of every force,
+    scale of the tracker.
     """
     yield from _constants(null, 'em', CALIBRATION.em_registration)
     for i in range(null['forces'].shape[1]):
         only = np.arange(null['forces'].shape[1])[:, None] == i
         yield 'forces', CALIBRATION.force_gain * only * null['forces']
-        for axis, other in permutations(range(3), 2):
-            from_to = CALIBRATION.crosstalk * np.outer(np.eye(3)[axis], np.eye(3)[other])
-            yield 'forces', only * null['forces'] @ from_to
+        for axis in np.eye(3):
+            yield 'forces', CALIBRATION.sensor_axes * np.cross(axis, only * null['forces'])
     yield 'optical', CALIBRATION.scale * null['optical']
