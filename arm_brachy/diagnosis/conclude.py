@@ -103,15 +103,17 @@ def nearest_of(assembly, decision, fits, ratio, tests):
     return Nearest(fitted.causes(0.0), tuple(places), errors)
 
 
-def errors_of(assembly, fitted, ratio, tests, *, mesh=True):
+def errors_of(assembly, fitted, ratio, tests):
     """statements.StreamFit on what was held out; arguments as of `nearest_of`.
 
     fitted : Fitted of what was found, None = nothing
-    mesh : False = what is known of the errors of the mesh is taken off, as no scene could
+    What null recordings show the mesh to be wrong by is taken off: it may be more than any cause.
     """
     parts = parts_of(assembly, fitted, ratio, numbers=AS_FOUND if tests else CHORD)
-    return stream_fits(parts if mesh else [part.beside_mesh() for part in parts], [
-        (m.recorded.name, tested_part(assembly, m, fitted, ratio)) for m in tests])
+    tested = [tested_part(assembly, m, fitted, ratio) for m in tests]
+    if assembly.sound:
+        parts, tested = ([part.beside_mesh() for part in some] for some in (parts, tested))
+    return stream_fits(parts, list(zip((m.recorded.name for m in tests), tested, strict=True)))
 
 
 def times_of(assembly, candidate):

@@ -45,7 +45,6 @@ from arm_brachy.diagnosis.statements import Recording
 from arm_brachy.diagnosis.states import LIMIT
 from arm_brachy.diagnosis.traces import traces
 from arm_brachy.diagnosis.wording import spoken
-from arm_brachy.diagnosis.words import beside_nulls
 from arm_brachy.registry import by_name
 
 FEWEST = 12         # states of a recording that are worth comparing
@@ -53,6 +52,8 @@ MOST = 200          # states of all recordings together
 CERTAIN = 0.999     # probability of what a finding says that has no rival
 MORE = ('More is left than better meshes of this size would change: solve on a finer one before '
         'physics is asked for.')
+BESIDE_NULLS = ('What the null recordings show the mesh to be wrong by is taken off the errors '
+                'held out, not off those as given: a corrected scene still has it.')
 STEPS = ('what the streams say by themselves', 'the model beside the recordings',
          'every term of the catalogue', 'decision and full fits')
 
@@ -193,9 +194,8 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
     best = fitted[0] if fitted else None
     errors = conclude.errors_of(assembly, best, ratio, tests)
     errors = errors if blur is None else with_mesh(errors, blur, assembly.matched)
-    gains = _beside_nulls(assembly, best, ratio) if blur is None and not tests else []
-    notes = [*gains, *left_out, *cut_rims(specimen), *judgement.notes, *_notes(looked),
-             *(note for one in fitted for note in one.notes)]
+    notes = [*([] if blur is not None else [BESIDE_NULLS]), *left_out, *cut_rims(specimen),
+             *judgement.notes, *_notes(looked), *(note for one in fitted for note in one.notes)]
     causes, where, when = with_findings(found, scene, causes, where, when, decision)
     left = conclude.left_over(assembly, explanations)
     causes += [] if fault is None else [fault.cause()]
@@ -233,13 +233,6 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
     return Answer(diagnosis, Shown(body_of(scene, specimen.mesh),
                                    traces(assembly, explanations),
                                    partials(assembly, explanations)))
-
-
-def _beside_nulls(assembly, fitted, ratio):
-    """Sentences on what a Fitted gains beside nulls; none where nothing was fitted in full."""
-    if fitted is None or fitted.refit is None:
-        return []
-    return [beside_nulls(conclude.errors_of(assembly, fitted, ratio, (), mesh=False))]
 
 
 def _verdict(verdict, causes, fault, nameless):

@@ -170,15 +170,6 @@ def nearest(d):
             'than noise.')
 
 
-def beside_nulls(fits):
-    """What was found gains; fits : statements.StreamFit without the mesh's errors that nulls show.
-
-    A scene cannot have these, so that its own errors have more in them than any cause.
-    """
-    return ('What the null recordings show the mesh to be wrong by taken off, held out, '
-            f'{listed([_gain(one) for one in fits])}.')
-
-
 def _gain(one):
     unit, scale = edge_unit(one.stream)
     before, after, floor = figures((one.recalibrated / scale, one.named / scale,

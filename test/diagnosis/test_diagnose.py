@@ -144,6 +144,8 @@ def test_cross_talk_of_a_force_sensor_is_named_at_its_pad(record):
     d = diagnose((evidence,), source(), null=(record(seed=2, name='sound'),),
                  meshes=MESHES).diagnosis
     cause, = d.causes
+    force = next(one for one in d.fit if one.stream == FORCE)
+    assert force.named < 1.3 * force.noise_floor < 0.7 * force.recalibrated
     assert (d.verdict, cause.term) == ('named', 'axis_crosstalk')
     assert cause.applies_to == {'pads': ('pad_1',)}
     term = AxisCrosstalk(**{name: one.value for name, one in cause.parameters.items()})
