@@ -48,8 +48,8 @@ def nuisances(baseline, calibration=None, priors=None, *, several=False):
     calibration : finding.Calibration;  priors : Priors; None = defaults
     several : True beside other recordings of the set-up: where a tool sits is the same in all, and
         the EM tracker's zero is each one's own; of one recording alone the two are one
-    Registration 6, placement 3 per marker off the base and per tool, EM zero 3, force zero 3,
-    scale 1 and axes 3 per pad, touch offset 1 per pad, modulus 1. Linear answers: for small ones.
+    Registration 6, placement 3 per marker off the base and per tool, EM zero 3, force zero 3 and
+    scale 1 per pad, touch offset 1 per pad, modulus 1. The linear answers hold for small ones.
     """
     calibration, priors = calibration or Calibration(), priors or Priors()
     specimen, n = baseline.model.specimen, len(baseline.t)
@@ -62,7 +62,6 @@ def nuisances(baseline, calibration=None, priors=None, *, several=False):
                *(_em_zero(counts[EM], calibration.em_registration) if several else ()),
                *_shifts(FORCE, specimen.pads, [calibration.force_zero] * counts[FORCE]),
                *_gains(baseline, calibration.force_gain),
-               *_turns(baseline, calibration.sensor_axes),
                *_touches(baseline, calibration.touch), _modulus(baseline, priors.modulus)]
     values = {kind: np.zeros((n, count, 3, len(columns))) for kind, count in counts.items()}
     for j, (_, change) in enumerate(columns):
@@ -104,16 +103,6 @@ def _gains(baseline, sd):
         scaled = np.zeros_like(baseline.shown[FORCE])
         scaled[:, c] = sd * baseline.shown[FORCE][:, c]
         yield f'gain_{name}', {FORCE: scaled}
-
-
-def _turns(baseline, sd):
-    """Small turns [rad] of the axes of each force sensor: unlike cross-talk, they make no gain."""
-    force = baseline.shown[FORCE]
-    for c, name in enumerate(baseline.model.specimen.pads):
-        for axis, unit in zip('xyz', np.eye(3), strict=True):
-            turned = np.zeros_like(force)
-            turned[:, c] = sd * np.cross(unit, force[:, c])
-            yield f'axes_{name}_{axis}', {FORCE: turned}
 
 
 def _touches(baseline, sd):

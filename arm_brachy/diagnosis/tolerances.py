@@ -12,7 +12,7 @@ from arm_brachy.diagnosis.finding import Calibration
 from arm_brachy.diagnosis.hypothesis import hypothesis, strengths
 from arm_brachy.diagnosis.nuisances import Nuisances
 from arm_brachy.diagnosis.responses import respond
-from arm_brachy.diagnosis.stream import BASE, OPTICAL
+from arm_brachy.diagnosis.stream import BASE, FORCE, OPTICAL
 from arm_brachy.registry import by_name
 
 KNOWN = 0.03        # of its size: how well a finding knows the term that it names
@@ -47,7 +47,8 @@ def tolerances(baseline, calibration=None, rhythm=0.0):
                 parts.append({kind: factor * values[..., k:k + 1]
                               for kind, values in response.values.items()})
                 names.append('_'.join([tolerance, strength.label, *_said(place)]))
-    for name, part in _benches(baseline, calibration.base):
+    for name, part in (*_benches(baseline, calibration.base),
+                       *_turns(baseline, calibration.sensor_axes)):
         names.append(name)
         parts.append(part)
     kinds = parts[0]
@@ -72,6 +73,19 @@ def _benches(baseline, size):
             values = {kind: np.zeros((*shown.shape, 1)) for kind, shown in baseline.shown.items()}
             values[OPTICAL][..., 0][:, base] = size * course[:, None, None] * unit
             yield f'base_{why}_{axis}', values
+
+
+def _turns(baseline, size):
+    """(name, values): axes of every force sensor turned by `size` [rad] about each axis.
+
+    Unlike cross-talk, which under an oblique pad is a gain as well.
+    """
+    force = baseline.shown[FORCE]
+    for c, pad in enumerate(baseline.model.specimen.pads):
+        for axis, unit in zip('xyz', np.eye(3), strict=True):
+            values = {kind: np.zeros((*shown.shape, 1)) for kind, shown in baseline.shown.items()}
+            values[FORCE][:, c, :, 0] = size * np.cross(unit, force[:, c])
+            yield f'axes_{pad}_{axis}', values
 
 
 def given_errors(baseline, terms):
