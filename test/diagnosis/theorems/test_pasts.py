@@ -115,7 +115,7 @@ def test_where_nothing_is_missing_no_past_stands_out(breast, thrice):
 def test_a_law_that_is_wrong_has_no_past(breast, thrice):
     found, labels = scanned(breast.watch(thrice, STIFFENING))
     assert largest(found, labels, past=False) > 6.0
-    # 0.45 where axes of force sensors are known exactly: their tolerance takes of the present alone
+    # 0.45 where axes of force sensors are known: their tolerance takes of the present alone
     assert largest(found, labels, past=True) < 0.6 * largest(found, labels, past=False)
 
 
