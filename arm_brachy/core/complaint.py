@@ -36,20 +36,19 @@ def complaint(cls, data, where, problems):
     if problem['type'] == 'extra_forbidden':
         return f'{place}: unknown key {shown(key)}; {_advice(cls, path)}'
     if problem['type'] == 'missing' and isinstance(path[-1], int):
-        return f'{place}: {_too_short(data, path, problems)}'
+        return f'{place}: {_too_short(problem, problems)}'
     if problem['type'] == 'missing':
         return f'{place}: key {key!r} is missing; {_allowed(cls, path, problem)}'
     return f'{place}: {key} = {shown(problem["input"])}; {_allowed(cls, path, problem)}'
 
 
-def _too_short(data, path, problems):
+def _too_short(problem, problems):
     """Of a list of fixed length: what it holds and how many entries it must have."""
-    *where, _ = path
-    for part in where:
-        data = data[part]
+    where = problem['loc'][:-1]
     needed = 1 + max(p['loc'][-1] for p in problems
-                     if p['type'] == 'missing' and list(p['loc'][:-1]) == where)
-    return f'{".".join(map(str, where))} = {shown(list(data))}; must have {needed} entries'
+                     if p['type'] == 'missing' and p['loc'][:-1] == where)
+    held = shown(list(problem['input']))
+    return f'{".".join(map(str, where))} = {held}; must have {needed} entries'
 
 
 def shown(value):

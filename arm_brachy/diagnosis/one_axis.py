@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 LINE = 1e-3     # of the spread of a sensor's readings, that may be off a line: rounding
-IN_LINE = 0.9   # cosine of a line and a push, from which one goes along the other
+IN_LINE = 0.99  # cosine of a line and a push, from which one goes along the other
 FEWEST = 20     # samples of a sensor
 
 
@@ -25,14 +25,15 @@ def along_pushes(stream, pushes, notes):
     """The Stream of forces with c = 1, along the pushes, if a sensor has but one axis.
 
     pushes : name of a pad -> unit vector (3,);  notes : list that is told
-    Vectors on a line that is not the push are readings in an axis of the sensor: of unknown sign,
-    so that what is read under the greatest load is taken to push back.
+    Vectors along an axis that is not the push are readings of a sensor in its own frame: of
+    unknown sign, so that what is read under the greatest load is taken to push back. On any other
+    line they are forces that keep their direction, without noise: all axes were measured.
     """
-    lines = [_line(stream.values[stream.valid[:, k], k]) for k in range(len(stream.names))]
+    along = np.array([pushes[name] for name in stream.names])
+    lines = [_line(stream.values[stream.valid[:, k], k], way) for k, way in enumerate(along)]
     known = [name for name, line in zip(stream.names, lines, strict=True) if line is not None]
     if not known:
         return stream
-    along = np.array([pushes[name] for name in stream.names])
     values, turned = np.empty((*stream.values.shape[:2], 1)), []
     for k, (name, line) in enumerate(zip(stream.names, lines, strict=True)):
         way = along[k]
@@ -49,12 +50,14 @@ def along_pushes(stream, pushes, notes):
     return replace(stream, values=values, along=along)
 
 
-def _line(values):
-    """Direction (3,) of a line that values (n, 3) lie on; None if they do not."""
+def _line(values, push):
+    """Direction (3,) of a line that values (n, 3) lie on, a push or an axis; None if they do not.
+    """
     if len(values) < FEWEST:
         return None
     spread, ways = np.linalg.svd(values - values.mean(axis=0), full_matrices=False)[1:]
-    return ways[0] if 0.0 < spread[0] and spread[1] <= LINE * spread[0] else None
+    told = max(abs(ways[0] @ push), np.abs(ways[0]).max()) >= IN_LINE
+    return ways[0] if told and spread[1] <= LINE * spread[0] and spread[0] > 0.0 else None
 
 
 def _pushing_back(line, values):

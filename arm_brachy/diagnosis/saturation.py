@@ -24,10 +24,11 @@ def unsaturated(stream, notes):
             at_end = _at_end(stream.values[seen, k, axis])
             if at_end.any():
                 valid[seen[at_end], k] = False
+                way = 'its push' if stream.along is not None else 'xyz'[axis]
                 ends = np.unique(stream.values[seen[at_end], k, axis])
                 notes.append(
                     f'{stream.kind} on {name} stays at {" and ".join(f"{v:.3g}" for v in ends)} N '
-                    f'along {"xyz"[axis]} in {int(at_end.sum())} samples, the end of its range: '
+                    f'along {way} in {int(at_end.sum())} samples, the end of its range: '
                     'these are left out.')
     if np.array_equal(valid, stream.valid):
         return stream

@@ -3,6 +3,7 @@
 import json
 import sys
 from dataclasses import replace
+from importlib import import_module
 
 import pytest
 
@@ -49,6 +50,8 @@ def test_a_trial_goes_from_draw_to_opened_truth(tmp_path):
         known = truths[case]['labels'] if truths[case]['in_catalogue'] else []
         assert [cause['term'] for cause in record['answer']['causes']] == known
     assert trial.frozen(TrialFolder(tmp_path))
+    assert read_json(tmp_path / 'opened.json')['wishes'] == {
+        kind: list(names) for kind, names in import_module(SOURCE).WISHES.items()}
 
 
 def test_a_case_that_cannot_be_made_is_drawn_again_and_says_so(tmp_path):

@@ -66,6 +66,23 @@ def test_a_slow_sensor_makes_no_model_more_exact():
     assert np.mean(Observables((thought_slow,), NAMES).residual({'em': wrong})**2) > 100.0
 
 
+def test_a_sensor_of_one_axis_has_a_row_a_state_along_it():
+    """Whatever is compared with it, or taken off it, counts by its part along the axis."""
+    rng, way = np.random.default_rng(4), np.array([0.6, 0.0, -0.8])
+    predicted, shift = rng.standard_normal((2, 5, 1, 3))
+    measured = 0.1 + (predicted @ way)[..., None]
+    stream = Measured('force', ('pad',), measured, np.ones((5, 1), bool), np.full((5, 1, 1), 0.05),
+                      np.eye(5), along=way[None])
+    both = Observables((stream,), NAMES)
+    assert [(row.axis, row.state) for row in both.rows] == [(2, i) for i in range(5)]
+    assert both.residual({'force': predicted}) == pytest.approx(np.full(5, 2.0))
+    assert both.less({'force': shift}).residual({'force': predicted - shift}) == pytest.approx(
+        np.full(5, 2.0))
+    assert both.whiten_shift({'force': shift}) == pytest.approx((shift @ way)[:, 0] / 0.05)
+    assert both.at(np.array([1, 3])).residual({'force': predicted[[1, 3]]}) == pytest.approx(
+        np.full(2, 2.0))
+
+
 def test_what_was_not_seen_has_no_row_and_names_find_their_place():
     both = Observables((correlated(),), NAMES)
     assert not any(row.channel == 'c' and row.state == 1 for row in both.rows)

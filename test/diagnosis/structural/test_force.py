@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from arm_brachy.cell import pad_directions
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.force_balance import balance_findings
 from arm_brachy.diagnosis.force_zero import force_findings
@@ -27,6 +28,23 @@ def test_a_drift_is_found_and_shared_by_no_other_pad(record):
     found, = force_findings(prepare(evidence_of(run, scene)))
     assert (found.term, found.parameter, found.channel) == ('force_drift', 'rate', 'pad_1')
     assert found.value == pytest.approx([0.0, 0.5 / 60.0, 0.0], abs=0.1 * 0.5 / 60.0)
+
+
+def test_load_cells_of_one_axis_tell_the_drift_along_it(record):
+    """The same recording as vectors along the pushes, and as readings in one axis."""
+    run, scene = record({'name': 'force_drift', 'rate_N_min': [0.5, 0.5, 0.5],
+                         'pads': ['pad_1']})
+    ways = pad_directions(scene)
+    read = np.sum(run.force.values * ways, axis=2, keepdims=True)
+    found = [force_findings(prepare(evidence_of(replace(run, force=Series(run.force.t, one)),
+                                                scene)))
+             for one in (read * ways, read * [0.0, 0.0, -1.0])]
+    for (drift,) in found:
+        assert (drift.term, drift.parameter, drift.channel) == ('force_drift', 'rate', 'pad_1')
+        assert drift.value == pytest.approx(ways[1] * ways[1].sum() * 0.5 / 60.0,
+                                            abs=0.1 * 0.5 / 60.0)
+        assert drift.value == pytest.approx(drift.parameters['rate'])
+    np.testing.assert_allclose(found[0][0].value, found[1][0].value, rtol=1e-9)
 
 
 def test_a_wrong_zero_is_found(record):

@@ -56,6 +56,13 @@ def test_sensors_of_three_axes_stay_as_they_are():
     assert along_pushes(given, PUSHES, notes) is given and not notes
 
 
+def test_a_force_without_noise_that_keeps_its_direction_was_measured_along_all_axes():
+    """Aside of the push by 25 degrees, as a linear tissue's answer may be."""
+    aside, notes = np.array([np.cos(0.44), np.sin(0.44), 0.0]), []
+    given = stream(vectors(aside, [0.0, 0.36, -0.93]))
+    assert along_pushes(given, PUSHES, notes) is given and not notes
+
+
 def test_beside_one_of_one_axis_the_others_are_taken_along_the_push_too():
     rng, notes, across = np.random.default_rng(1), [], np.array([0.0, 1.0, 0.0])
     values = vectors(PUSHES['a'], OBLIQUE)
