@@ -93,10 +93,12 @@ def sizes_of(assembly, candidate):
     return hypotheses, amplitudes, widths
 
 
-def fit_in_full(assembly, candidate, law):
+def fit_in_full(assembly, candidate, law, start=None):
     """Fitted of a decide.Candidate of an assembly.Assembly, at some states of each recording.
 
     law : model_error.Accuracy.law, which intervals of causes in the tissue include
+    start : Refit.z of the same hypotheses in other noise, from which it begins; None = from the
+        linear answer
 
     Where the full fit does not settle, the numbers are those of the linear answer, and a note
     says so.
@@ -110,12 +112,12 @@ def fit_in_full(assembly, candidate, law):
         for number, (m, some) in enumerate(zip(suspects, kept, strict=True))]
     modulus = hypothesis(StiffnessScale)
     try:
-        start = [possible_start(suspects[0].baseline.model.specimen.body, *x)
+        sizes = [possible_start(suspects[0].baseline.model.specimen.body, *x)
                  for x in zip(hypotheses, amplitudes, strict=True)]
-        back = tuple(_off_zero(m, one, hypotheses, start)
+        back = tuple(_off_zero(m, one, hypotheses, sizes)
                      for m, one in zip(suspects, data, strict=True))
         data = [one.beside(columns) for one, columns in zip(data, back, strict=True)]
-        found = refit(data, (*hypotheses, modulus), (*start, np.zeros(1)))
+        found = refit(data, (*hypotheses, modulus), (*sizes, np.zeros(1)), start=start)
     except (NotConverged, InputError, InvertedElement) as error:
         amplitudes = [_allowed(*x) for x in zip(hypotheses, amplitudes, strict=True)]
         estimates = tuple(_linear(*x) for x in zip(hypotheses, amplitudes, widths, strict=True))

@@ -24,18 +24,29 @@ class FullFits:
 
     rng : numpy.random.Generator for the distribution of structured tests
     accuracy : model_error.Accuracy, None = its defaults: how well a law can hold
+    ends : ids of hypotheses -> Refit.z where fits of the same recordings in other noise ended,
+        from which those of these begin; those that settle here are added
     """
 
-    def __init__(self, assembly, rng, accuracy=None):
+    def __init__(self, assembly, rng, accuracy=None, ends=None):
         self._assembly, self._rng, self._known, self._gains = assembly, rng, {}, {}
+        self._ends = {} if ends is None else ends
         self._law = (accuracy or Accuracy()).law
 
     def of(self, candidate):
         """The Fitted of a decide.Candidate."""
         key = tuple(map(id, candidate.explanations))
         if key not in self._known:
-            self._known[key] = fit_in_full(self._assembly, candidate, self._law)
+            self._known[key] = self._fit(candidate)
         return self._known[key]
+
+    def _fit(self, candidate):
+        """The Fitted of a decide.Candidate, begun where that of other noise ended."""
+        hypotheses = tuple(id(self._assembly.hypothesis_of(e)[0]) for e in candidate.explanations)
+        found = fit_in_full(self._assembly, candidate, self._law, self._ends.get(hypotheses))
+        if found.refit is not None:
+            self._ends[hypotheses] = found.refit.z
+        return found
 
     def check(self, candidate):
         """The adequacy.Scan of what it leaves, its numbers free to first order.

@@ -43,9 +43,11 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
     sound : number of null recordings, last of `matched`;  accuracy : model_error.Accuracy
     What nothing explains, or one cause leaves, is judged anew with noise as loud as it may be.
     """
+    ends = {}
+
     def judge(matched):
         assembly = assemble(matched, tried, sound)
-        fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy)
+        fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy, ends)
         return assembly, fits, Judge(assembly.problem, stream(seed, 'decision'), check=fits.check,
                                      gone=fits.gone, weigh=fits.gain, beyond=fits.beyond)
 

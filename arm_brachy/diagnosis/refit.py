@@ -95,7 +95,8 @@ def refit(data, hypotheses, amplitudes, *, held=(), start=None, options=None):
     data : Data of each recording;  amplitudes : per hypothesis (k,) where its strengths start, in
         typical sizes (`Strength.spread` times the means of `Response.per_prior`)
     held : names of fields that stay at their place or default (`freedom.free_space`)
-    start : `Refit.z` of the same hypotheses, amplitudes and held, on a cheaper specimen
+    start : `Refit.z` of the same hypotheses and held, on a cheaper specimen or in other noise,
+        where it begins; None = at the amplitudes
     Finds the minimum next to the start: a place from a grid as fine as an effect is wide.
     A lump held much smaller than it is has no minimum within reach; one of free size and strong
     effect has a narrow bent valley (T7), where it may need more runs. Both are refused.
@@ -108,8 +109,9 @@ def refit(data, hypotheses, amplitudes, *, held=(), start=None, options=None):
         raise InputError(f'{", ".join(one.name for one in hypotheses)}: no field is free; must '
                          'be one at least; hold fewer')
     options = options or Options()
-    fit = _Fit(data, space, options)
-    now, slope, covariance = fit.settled(space.joined('start') if start is None else start)
+    start = space.joined('start') if start is None else start
+    fit = _Fit(data, space, start, options)
+    now, slope, covariance = fit.settled(start)
     low, high = space.joined('low'), space.joined('high')
     stuck = (now.z <= low) & (slope < 0.0) | (now.z >= high) & (slope > 0.0)
     mean = now.z + np.where(stuck, np.diag(covariance) * slope, 0.0)
@@ -133,9 +135,9 @@ class _Point:
 class _Fit:
     """The cost, its quadratic model and the way down."""
 
-    def __init__(self, data, space, options):
+    def __init__(self, data, space, start, options):
         self.space, self.options, self.columns = space, options, ()
-        terms = space.terms(space.joined('start'))
+        terms = space.terms(start)
         self.recordings = [RecordingFit(one, terms) for one in data]
         self.led = any(one.may_lead(terms) for one in self.recordings)
         self.beside = Beside(stacked(data))

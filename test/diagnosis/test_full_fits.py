@@ -1,4 +1,4 @@
-"""What of a cause is gone once it is fitted in full."""
+"""Full fits when they are asked for, and what of a cause is gone then."""
 
 from types import SimpleNamespace
 
@@ -106,3 +106,21 @@ def test_what_a_response_says_as_well_is_asked_what_it_leaves_in_every_state(
     fits._linear = lambda candidate: 'every state'
     fits._fitted = lambda candidate: 'states of the fit'
     assert fits.check(None) == expected
+
+
+def test_a_fit_begins_where_that_in_other_noise_ended_if_it_settled(monkeypatch):
+    starts, ends = [], {}
+    hypotheses = {'lump': object(), 'gap': object()}
+
+    def fit_in_full(assembly, candidate, law, start):
+        starts.append(start)
+        settles = 'gap' not in candidate.explanations
+        return SimpleNamespace(refit=SimpleNamespace(z=assembly.end) if settles else None)
+
+    monkeypatch.setattr('arm_brachy.diagnosis.full_fits.fit_in_full', fit_in_full)
+    for end in ('in quiet', 'in loud'):
+        assembly = SimpleNamespace(end=end, hypothesis_of=lambda e: (hypotheses[e], None))
+        fits = FullFits(assembly, None, ends=ends)
+        for causes in (('lump',), ('lump', 'gap'), ('lump',)):
+            fits.of(SimpleNamespace(explanations=causes))
+    assert starts == [None, None, 'in quiet', None]

@@ -23,7 +23,7 @@ from arm_brachy.diagnosis.law_error import widened
 from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.observables import KINDS, Measured, Observables, channels_of
 from arm_brachy.diagnosis.recording_fit import Data, RecordingFit
-from arm_brachy.diagnosis.refit import Options, refit
+from arm_brachy.diagnosis.refit import ROUGH, Options, refit
 from arm_brachy.diagnosis.responses import loosened_change, together
 from arm_brachy.diagnosis.slip import ACCURACY, NEAR
 from arm_brachy.registry import by_name
@@ -141,6 +141,17 @@ def test_where_condensed_answers_lead_the_end_is_the_same_and_the_way_shorter(re
                 (near,), start)
     assert led.runs < 0.6 * plain.runs
     assert led.after == pytest.approx(plain.after, abs=0.5)
+
+
+def test_in_noise_twice_as_loud_a_fit_goes_on_from_where_it_ended(record):
+    data = record((LUMP,))
+    near, size = hypothesis(Inclusion, centre=(0.012, 0.018, 0.036)), [np.array([0.25])]
+    quiet = refit([data], (near,), size)
+    loud = replace(data, observables=data.observables.louder(dict.fromkeys(SD, 2.0),
+                                                             np.eye(len(STATES))))
+    plain, on = (refit([loud], (near,), size, start=start) for start in (None, quiet.z))
+    assert on.runs < 0.7 * plain.runs
+    assert on.after == pytest.approx(plain.after, abs=ROUGH)
 
 
 def test_friction_is_found_from_a_run_with_contact(quadratic, encoder):
