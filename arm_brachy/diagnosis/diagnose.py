@@ -30,6 +30,8 @@ from arm_brachy.diagnosis.from_finding import (
 )
 from arm_brachy.diagnosis.given import given, occasions_of, onsets_in
 from arm_brachy.diagnosis.hypotheses import try_all
+from arm_brachy.diagnosis.inertia import hint, inertia_of, with_lag
+from arm_brachy.diagnosis.inertia import said as said_of_inertia
 from arm_brachy.diagnosis.judgement import judged
 from arm_brachy.diagnosis.limits import limits_of
 from arm_brachy.diagnosis.matched import match
@@ -90,6 +92,7 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
         return Answer(*free_answer(evidences, provenance, held_out,
                                    lambda share: say(STEPS[2], share)))
     say(STEPS[0], 0.0)
+    calibration = with_lag(calibration, evidences[0].scene)
     noise = iter(shared_noise((*evidences, *null, *held_out)))
     (looked, left_out), (sound, fewer), (tested, fewest) = (
         _look([(one, next(noise)) for one in some], calibration, say)
@@ -98,13 +101,15 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     say(STEPS[1], 0.0)
     specimen, ratio = _specimen((*looked, *sound), evidences[0].scene)
     ensemble = ensemble_of(ForwardModel(specimen), stream(provenance.seed, 'meshes'), meshes)
+    inertia = inertia_of(specimen)
 
     def matches(looked, every):
         """Matched of every Recorded, with what those of `looked` are certain of."""
         out = []
         for one in every:
             out.append(match(one, specimen, ensemble, given((one,), beside=looked).terms,
-                             calibration=calibration, accuracy=accuracy, several=len(every) > 1))
+                             calibration=calibration, accuracy=accuracy, several=len(every) > 1,
+                             inertia=inertia))
             say(STEPS[1], len(out) / len(every))
         return out
 
@@ -119,6 +124,7 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     provenance = replace(provenance, recordings=_recordings(looked, tested, sound))
     left = ensemble.limit.left if judgement.at_limit else ensemble
     request = asked(judgement.assembly, judgement.decision, left, calibration)
+    left_out = (*left_out, *said_of_inertia(inertia, matched))
     return _answer(judgement, found, looked, provenance, ratio, left_out, request,
                    None if null else left)
 
@@ -210,6 +216,8 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
         where, when = [*places, *where], [*times, *when]
         notes += conclude.said_of(assembly.tests[decision.before.worst])
     verdict = _verdict(decision.verdict, causes, fault, found.nameless)
+    if verdict == 'unexplained' or any(cause.term == 'clock_offset' for cause in causes):
+        notes += hint(assembly.matched)
     if verdict == 'unexplained':
         where += [place_of(finding, scene) for finding, _ in found.nameless]
         when += [interval_of(finding, name) for finding, name in found.nameless]

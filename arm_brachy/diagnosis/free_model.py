@@ -15,7 +15,6 @@ Test: diagnosis/test_free_model.py (against integration in time)
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from arm_brachy.core.errors import ConfigError, NotConverged
 from arm_brachy.core.outcome import Outcome
@@ -26,8 +25,7 @@ from arm_brachy.diagnosis.trajectory import Trajectory, evolve
 from arm_brachy.registry import TERMS
 from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.build import build_body
-from arm_brachy.tissue.dynamics import DynamicOptions
-from arm_brachy.tissue.mass import mass_matrix
+from arm_brachy.tissue.modes import modes_of
 from arm_brachy.tissue.newton import StaticSolver
 from arm_brachy.tissue.simulator import TissueSimulator
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
@@ -159,20 +157,16 @@ class FreeModel:
         now = int(np.searchsorted(path.t, RINGS))
         x, fields = path.x[now], self._fields(path, now)
         solver = StaticSolver(self.body)
-        tangent, factor = solver.linearise(x, fields)
-        dofs = solver.free.dofs
-        K = tangent.tocsc()[dofs][:, dofs]
-        M = mass_matrix(solver.assembler, DynamicOptions().mass).tocsc()[dofs][:, dofs]
-        square, modes = eigsh(K, min(MODES, len(dofs) - 1), M, sigma=0.0, v0=np.ones(len(dofs)),
-                              OPinv=LinearOperator(K.shape, matvec=factor.solve))
-        w = np.sqrt(square)
+        found = modes_of(solver, x, fields, MODES)
+        dofs, modes, w = found.dofs, found.shapes, np.sqrt(found.square)
         start = (self.body.mesh.nodes - x).ravel()[dofs]
         seen = matrix[:, solver.free.free] @ modes.reshape(len(solver.free.free), -1)
-        shapes = seen.reshape(len(way), 3, -1) * (modes.T @ (M @ start))
+        shapes = seen.reshape(len(way), 3, -1) * (
+            modes.T @ (found.mass[dofs][:, dofs] @ start))
         alpha, beta = self.body.damping
         ratio = 0.5 * (alpha / w + beta * w)
         stiffer, lossy = self._memory(solver, x, dofs, modes, w)
-        return _ringing(np.sqrt(square + stiffer), ratio + lossy, shapes, way)
+        return _ringing(np.sqrt(found.square + stiffer), ratio + lossy, shapes, way)
 
     def _fields(self, path, now):
         """StepFields of the slow motion at an instant; of what relaxes, the long-term moduli."""

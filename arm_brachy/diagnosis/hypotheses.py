@@ -13,7 +13,7 @@ from arm_brachy.tissue.assembly import InvertedElement
 
 HIDDEN = (Stage.SETPOINT, Stage.ENCODER)    # before or at the encoders, which drive the model
 RECALIBRATED = ('stiffness_scale',)         # no physics that is missing: the scene's own modulus
-INERTIAL = ('damping',)                     # nothing without inertia
+INERTIAL = ('damping',)                     # nothing without inertia, which no model here has
 HEAVY = ('point_mass',)                     # nothing without gravity
 LOOSENING = ('pad_slip',)   # condensed; beside terms with memory minutes of runs with contact
 
@@ -46,7 +46,7 @@ def triable(cls, remembers=False, heavy=True):
         return 'asks for full runs beside terms with memory'
     if name in HEAVY and not heavy:
         return 'has no effect at rest without gravity'
-    return 'has no effect without inertia' if name in INERTIAL else ''
+    return 'acts on what swings, which is not modelled here' if name in INERTIAL else ''
 
 
 def try_all(matched, occasions=None, progress=None):

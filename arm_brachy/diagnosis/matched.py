@@ -6,6 +6,7 @@ import numpy as np
 
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.forward import ForwardModel
+from arm_brachy.diagnosis.inertia import with_swing
 from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.model_error import path_errors, timing_errors, with_accuracy
 from arm_brachy.diagnosis.nuisances import nuisances
@@ -30,6 +31,7 @@ class Matched:
     recorded : Recorded;  baseline : Baseline;  observables : Observables
     nuisances : nuisances.Nuisances, tolerances and errors of the mesh included
     finer : kind -> (n, c, 3) SI that elements of no size add to the baseline, {} = not known
+    swing : kind -> (n, c) SI that inertia may add (`inertia.Inertia.swing`), {} = nothing
     of_mesh : (N,) that, whitened;  r : (N,) whitened residual, it included
     U : (N, k) whitened nuisances
     """
@@ -39,6 +41,7 @@ class Matched:
     observables: Observables
     nuisances: object
     finer: dict = field(default_factory=dict)
+    swing: dict = field(default_factory=dict)
     of_mesh: np.ndarray = field(init=False)
     r: np.ndarray = field(init=False)
     U: np.ndarray = field(init=False)
@@ -86,23 +89,25 @@ class Matched:
 
 
 def match(recorded, specimen, ensemble, terms=(), *, calibration=None, accuracy=None,
-          several=False):
+          several=False, inertia=None):
     """Matched of a Recorded and a specimen.Specimen with terms.
 
     calibration : finding.Calibration;  accuracy : model_error.Accuracy
     several : True beside other recordings, as of `nuisances`
     ensemble : mesh_errors.Ensemble of its body
+    inertia : inertia.Inertia of it, None = has none
     Raises what Baseline raises.
     """
     baseline = Baseline(ForwardModel(specimen, terms), recorded.path, recorded.states.t)
     channels, least = channels_of(specimen), np.abs(recorded.states.q).sum(axis=1).argmin()
     rest = {kind: shown[least] for kind, shown in baseline.shown.items()}
-    observables = Observables(with_accuracy(measured(recorded.states), baseline.shown, rest,
-                                            channels, accuracy), channels)
+    seen = with_accuracy(measured(recorded.states), baseline.shown, rest, channels, accuracy)
+    swing = inertia.swing(recorded.prepared.motion, recorded.states) if inertia else {}
+    observables = Observables(with_swing(seen, swing, channels) if swing else seen, channels)
     parts = [nuisances(baseline, calibration, several=several),
              tolerances(baseline, calibration, recorded.structure.rhythm),
              given_errors(baseline, terms), timing_errors(baseline, recorded, accuracy),
              ensemble.along(baseline)]
     if recorded.prepared.evidence.get(ENCODER).taken is not None:
         parts.append(path_errors(baseline, recorded))
-    return Matched(recorded, baseline, observables, joined(*parts))
+    return Matched(recorded, baseline, observables, joined(*parts), swing=swing)

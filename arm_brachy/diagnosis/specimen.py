@@ -41,18 +41,15 @@ class Specimen:
 
 
 def specimen_of(scene, mesh=None):
-    """Return the Specimen of a quasi-static core.scene.Scene with pads.
+    """Return the Specimen of a core.scene.Scene with pads; what follows has no inertia.
 
     mesh : TetMesh to use instead of the scene's file
-    Raises ConfigError for a scene without pads or with implicit dynamics, for which there is no
-    forward model here, and for a marker on something that the scene does not have.
+    Raises ConfigError for a scene without pads, for which there is no forward model here, and for
+    a marker on something that the scene does not have.
     """
     if not scene.pads:
         raise ConfigError(f'scene {scene.name} has no pads; must have one at least: without '
                           'pads the path of the body is no function of the encoders')
-    if scene.dynamics != 'quasi_static':
-        raise ConfigError(f'scene {scene.name}: dynamics = {scene.dynamics!r}; must be '
-                          "'quasi_static' for a forward model at single instants")
     body = build_body(scene, mesh)
     carriers = tuple(m.body for m in scene.markers)
     for marker in scene.markers:

@@ -192,8 +192,6 @@ def test_grid_holds_instants_and_corners_in_order(encoder):
 def test_what_has_no_forward_model_is_refused(specimen, encoder, coarse_scene):
     with pytest.raises(ConfigError, match='no pads'):
         specimen_of(replace(coarse_scene(), pads=()))
-    with pytest.raises(ConfigError, match='implicit'):
-        specimen_of(replace(coarse_scene(), dynamics='implicit'))
     with pytest.raises(InputError, match='must lie within'):
         ForwardModel(specimen).predict(encoder, np.array([1.0, 99.0]))
 
