@@ -111,7 +111,8 @@ def planned(trial, baseline, options, noise, nuisance_columns=calibrated):
     """The Planned of a trials.Trial and its Baseline; the rest as for a next experiment."""
     channels = channels_of(baseline.model.specimen)
     kinds = tuple(kind for kind, names in channels.items() if names)
-    streams = [_measured(kind, channels[kind], trial, noise.get(kind) or _sheet(kind))
+    pushes = baseline.model.specimen.directions
+    streams = [_measured(kind, channels[kind], trial, noise.get(kind) or _sheet(kind), pushes)
                for kind in kinds]
     rest = {kind: shown[0] for kind, shown in baseline.shown.items()}
     observables = Observables(with_accuracy(streams, baseline.shown, rest, channels), channels)
@@ -121,14 +122,17 @@ def planned(trial, baseline, options, noise, nuisance_columns=calibrated):
         tuple(_columns(baseline, option, observables) for option in options)))
 
 
-def _measured(kind, names, trial, noise):
-    """observables.Measured of a stream that sees every channel at all states of a Trial."""
-    n, c = len(trial.t), len(names)
+def _measured(kind, names, trial, noise, pushes):
+    """observables.Measured of a stream that sees every channel at all states of a Trial.
+
+    pushes : (p, 3) directions of the pads, which load cells of one axis lie along
+    """
+    n, c, d = len(trial.t), len(names), noise.sd.shape[1]
     count = np.maximum(trial.width / noise.period, 1.0)
     pooled = noise.mean_variance(count[:, None]).mean(axis=1, keepdims=True)
-    sd = np.broadcast_to(np.sqrt(pooled), (n, c, 3))
-    return Measured(kind, names, np.zeros((n, c, 3)), np.ones((n, c), bool), sd,
-                    noise.between(trial.t, count))
+    sd = np.broadcast_to(np.sqrt(pooled), (n, c, d))
+    return Measured(kind, names, np.zeros((n, c, d)), np.ones((n, c), bool), sd,
+                    noise.between(trial.t, count), along=pushes if d == 1 else None)
 
 
 def _sheet(kind):

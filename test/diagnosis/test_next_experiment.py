@@ -12,18 +12,22 @@ from arm_brachy.core.errors import InputError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene, with_mesh
 from arm_brachy.devices.actuator_driver import ActuatorParams
+from arm_brachy.devices.terms.force_drift import ForceDrift
 from arm_brachy.diagnosis import asking
 from arm_brachy.diagnosis.advice import REMEDIES, advice
 from arm_brachy.diagnosis.baseline import Baseline
+from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.inference import log_density
 from arm_brachy.diagnosis.matched import OWN
 from arm_brachy.diagnosis.next_experiment import next_experiment
+from arm_brachy.diagnosis.noise import Noise
 from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.planned import Option, Whitened, planned
 from arm_brachy.diagnosis.responses import respond
 from arm_brachy.diagnosis.specimen import specimen_of
+from arm_brachy.diagnosis.stream import FORCE
 from arm_brachy.diagnosis.stretches import baselines
 from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.diagnosis.trials import Trial, trial_of, trials_of
@@ -185,6 +189,22 @@ def test_relaxation_or_drift_of_a_modulus_asks_for_forces(specimen):
     asked = next_experiment(specimen, (), RELAXES_OR_DRIFTS, {}, ('optical',), at_hand=known)
     assert asked.record == ('force',) and asked.separation > ENOUGH
     assert 'Record the pad forces as well' in request(asked)
+
+
+def test_load_cells_of_one_axis_are_planned_with_as_such(specimen, one_push):
+    """Force along the push of every pad, and nothing aside: a drift aside would not show."""
+    baseline = Baseline(ForwardModel(specimen), one_push.path, one_push.t)
+    sheet = Noise(np.full((1, 1), 0.01), Colour(), 0.02, np.eye(1), 'data sheet')
+    along = hypothesis(ForceDrift, ('rate',), pads=('pad_1',))
+    options = (Option('force_drift', (along,), np.ones(len(along.strengths))),)
+    cells, triads = (planned(one_push, baseline, options, noise) for noise in (
+        {FORCE: sheet}, {FORCE: replace(sheet, sd=np.full((1, 3), 0.01), axes=np.eye(3))}))
+    n = len(one_push.t) * len(specimen.pads)
+    assert len(cells.take((FORCE,)).U) == n and len(triads.take((FORCE,)).U) == 3 * n
+    drift = cells.take((FORCE,)).columns[0]
+    pushed = specimen.directions[0]
+    aside = np.linalg.svd(pushed[None])[2][1:]
+    assert np.abs(drift @ aside.T).max() < 1e-9 * np.abs(drift @ pushed).max()
 
 
 def test_with_the_deciding_stream_nothing_is_asked(specimen):
