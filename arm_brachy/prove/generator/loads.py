@@ -3,7 +3,7 @@
 Each has `add(u, f)`, which adds to internal forces f (n, 3) what the load exerts, with its sign
 turned, and `stiffen(u, data, pattern)`, which adds its derivative to the matrix.
 """
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,7 +55,7 @@ class Support:
 
     shape (7, 6); start (f, 7, 3) [m] their positions at rest; springs (f, 7, 3, 3) [N/m] that
     always act; wall (f, 7) [N/m] stiffness against positions beyond `offset` (f, 7) [m] along
-    the unit vector `normal` (3,).
+    the unit vector `normal` (3,); on_base: it goes with the base, by `shift` (3,) [m].
     """
 
     faces: np.ndarray
@@ -65,9 +65,15 @@ class Support:
     wall: np.ndarray
     normal: np.ndarray
     offset: np.ndarray
+    on_base: bool = False
+    shift: tuple = (0.0, 0.0, 0.0)
+
+    def carried(self, shift):
+        """The support with the base moved by `shift` (3,) [m]."""
+        return replace(self, shift=shift) if self.on_base else self
 
     def _pressing(self, u):
-        moved = np.einsum('qa,fai->fqi', self.shape, u[self.faces])
+        moved = np.einsum('qa,fai->fqi', self.shape, u[self.faces]) - self.shift
         beyond = (self.start + moved) @ self.normal - self.offset
         return moved, np.where(beyond > 0, beyond, 0.0)
 
@@ -99,7 +105,7 @@ def springs(grid, normal, tangential):
     size = np.linalg.norm(area, axis=2)
     none = np.zeros(size.shape)
     return Support(grid.mesh.base, shape, x, size[..., None, None] * k, none,
-                   np.array([0, 0, 1.0]), none)
+                   np.array([0, 0, 1.0]), none, on_base=True)
 
 
 def loose_base(grid, centre, radius, stiff):
@@ -109,7 +115,7 @@ def loose_base(grid, centre, radius, stiff):
     free = ((x - centre)**2).sum(-1) < radius**2
     glue = np.where(free, 0.0, size)[..., None, None] * np.eye(3)
     return Support(grid.mesh.base, shape, x, glue, np.where(free, size, 0.0),
-                   np.array([0, 0, -1.0]), np.zeros(size.shape))
+                   np.array([0, 0, -1.0]), np.zeros(size.shape), on_base=True)
 
 
 def wall(grid, centre, radius, normal, gap, stiff):

@@ -204,10 +204,13 @@ def base_motion(v):
 
 
 def breathing(model, body, v, modulus):
-    """Base pushed out to its amplitude."""
+    """Base pushed out to its amplitude, and with it what holds a body that is not clamped."""
     e = np.array(v['direction']) / np.linalg.norm(v['direction'])
     amplitude = v['amplitude_mm'] * 1e-3
-    return (replace(model, shift=tuple(amplitude * e)),
+    shift = tuple(amplitude * e)
+    held = tuple(one.carried(shift) if isinstance(one, loads.Support) else one
+                 for one in model.loads)
+    return (replace(model, shift=shift, loads=held),
             lambda t, y: base_motion(v)(t) @ e / amplitude)
 
 

@@ -143,6 +143,24 @@ def test_breathing_moves_the_base_by_its_amplitude(body, cache):
     assert np.corrcoef(tissue, base[:, 0])[0, 1] > 0.3
 
 
+@pytest.mark.parametrize(('name', 'values'), [
+    ('base_compliance', {'normal_kPa_mm': 300.0, 'tangential_kPa_mm': 150.0}),
+    ('base_debond', {'radius_mm': 8.0, 'centre_mm': (25.0, 0.0, 0.0)})],
+    ids=lambda v: v if isinstance(v, str) else '')
+def test_a_base_that_breathes_carries_what_springs_hold_on_it(outputs, name, values):
+    """All but firm springs, and glue that is loose in a small disc, are as good as clamps."""
+    breath = effect('breathing', amplitude_mm=0.4, frequency_Hz=0.25, phase_deg=0.0,
+                    direction=(0.0, 0.0, 1.0))
+    loose = effect(name, **values)
+    _, _, still, calm, _ = outputs()
+    _, _, moved, force, _ = outputs(breath)
+    _, _, loose_still, loose_calm, _ = outputs(loose)
+    _, _, loose_moved, loose_force, _ = outputs(loose, breath)
+    for alone, both in ((moved - still, loose_moved - loose_still),
+                        (force - calm, loose_force - loose_calm)):
+        assert rms(both - alone) < 0.1 * rms(alone)
+
+
 def test_the_marker_on_a_misplaced_pad_goes_with_it(body, cache):
     null = draw(np.random.default_rng(7), 'null', body)
     aside = effect('pad_misplacement', up_mm=0.0, side_mm=2.0, tilt_up_deg=3.0, tilt_side_deg=0.0,
