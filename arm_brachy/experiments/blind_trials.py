@@ -1,9 +1,11 @@
-"""The README's table of all blind trials: what every frozen detector scored, best and worst.
+"""The READMEs' tables of all blind trials: what every frozen detector scored, best and worst.
 
 Test: experiments/test_readme.py
 """
 
 import json
+
+from arm_brachy.prove.totals import COVERED, GOALS, LIMITS, share
 
 # Folders of results/trials: commits of the detector, in order.
 TRIALS = ('bc215fd', 'bda5ad8', 'c10f951', '1bd0120', 'fe474c0', 'b6f6b5d',
@@ -17,29 +19,74 @@ COUNTED = {'top-1, all singles': 'top-1, all singles',
 HIDES = 'what-hides'      # file of `prove.what_hides`
 ALIKE = 'alike'           # file of `prove.alike`
 LENGTHS = ('oracle', 'at_states', 'calibrated', 'seen', 'tested')
-PARTS = ('named', 'noticed')        # shares of single terms and sizes; they are in the files
+MODES = 'absolute', 'null'
+TOGETHER = 5              # trials of a mode
 
 
 def markdown(results):
-    """Lines of a table: a column per trial and mode, every share and median of theirs a row.
+    """Lines of a table: a line per trial and mode, newest first, every goal of theirs a column.
 
-    results : folder with trials/COMMIT/result.json, as `prove.report` writes it. A trial older
-    than what is counted today has '-' there.
+    results : folder with trials/COMMIT/result.json, as `prove.report` writes it. '-' where a
+    trial is older than what is counted, or had nothing to count.
     """
-    columns = {}
+    columns = (*GOALS, *(f'{what}, median' for what in LIMITS), COVERED)
+    lines = [f'| trial | {" | ".join(columns)} |', '|---' * (1 + len(columns)) + '|']
+    for name, mode, cases, rows in reversed(list(_scored(results))):
+        cells = [cell(rows[what]) if what in rows else '-' for what in columns]
+        lines.append(f'| {name}, {mode}, {cases} cases | {" | ".join(cells)} |')
+    return '\n'.join(lines)
+
+
+def scores(results):
+    """Lines of a table: what was asked of either mode, the last trial of it, the last TOGETHER.
+
+    Detectors differ from trial to trial: together they say how often these have been right, with
+    an interval that one trial has not.
+    """
+    trials = {mode: [one for one in _scored(results) if one[1] == mode] for mode in MODES}
+    lines = ['| | ' + ' | '.join(
+        f'{mode}: goal | {trials[mode][-1][0]}, {trials[mode][-1][2]} cases | '
+        f'last {TOGETHER}, {sum(one[2] for one in trials[mode][-TOGETHER:])} cases'
+        for mode in MODES) + ' |', '|---' * (1 + 3 * len(MODES)) + '|']
+    for what, (*goals, least) in GOALS.items():
+        line = [what]
+        for mode, goal in zip(MODES, goals, strict=True):
+            each = [one[3][what] for one in trials[mode] if what in one[3]]
+            line += [f'{">=" if least else "<="} {goal:g} %', cell(each[-1]),
+                     cell(_together(each[-TOGETHER:]))]
+        lines.append(f'| {" | ".join(line)} |')
+    for what, (*goals, least) in LIMITS.items():
+        line = [what]
+        for mode, goal in zip(MODES, goals, strict=True):
+            last = trials[mode][-1][3][f'{what}, median']
+            line += [f'{">=" if least else "<="} {goal:g}' + _unit(last), cell(last), '-']
+        lines.append(f'| {" | ".join(line)} |')
+    line = [COVERED]
+    for mode in MODES:
+        each = [one[3][COVERED] for one in trials[mode] if COVERED in one[3]]
+        line += ['85 to 95 %', cell(each[-1]), cell(_together(each[-TOGETHER:]))]
+    return '\n'.join([*lines, f'| {" | ".join(line)} |'])
+
+
+def _scored(results):
+    """(name, mode, number of cases, what -> row) of every trial and mode, in order."""
     for name in TRIALS:
         path = results / 'trials' / name / 'result.json'
         rows = json.loads(path.read_text(encoding='utf-8'))['rows']
         for mode in dict.fromkeys(row['over_all'] for row in rows if 'over_all' in row):
-            cases = sum('case' in row and row['mode'] == mode for row in rows)
-            columns[f'{name}, {mode}, {cases} cases'] = {
-                row['what'] + ', median' * ('median' in row): cell(row) for row in rows
-                if row.get('over_all') == mode and _counts(row)}
-    counted = dict.fromkeys(what for cells in reversed(columns.values()) for what in cells)
-    return '\n'.join([f'| over all | {" | ".join(columns)} |', '|---' * (1 + len(columns)) + '|',
-                      *(f'| {what} | ' + ' | '.join(cells.get(what, '-')
-                                                    for cells in columns.values()) + ' |'
-                        for what in counted)])
+            yield name, mode, sum('case' in row and row['mode'] == mode for row in rows), {
+                row['what'] + ', median' * ('median' in row): row for row in rows
+                if row.get('over_all') == mode and 'what' in row}
+
+
+def _together(rows):
+    """The share of several trials as one."""
+    hits, of = (sum(row[key] for row in rows) for key in ('count', 'of'))
+    return share('', [i < hits for i in range(of)], bool)
+
+
+def _unit(row):
+    return '' if row['unit'] == '1' else f' {row["unit"]}'
 
 
 def baselines(results):
@@ -102,10 +149,6 @@ def baseline_lines(rows):
     return '\n'.join([*head, *(f'| {" | ".join(line)} |' for line in lines)])
 
 
-def _counts(row):
-    return row.get('what', PARTS[0]).partition(',')[0].partition(':')[0] not in PARTS
-
-
 def cell(row):
     """A share with its 95 % interval (Wilson) or a median, as `prove.totals` makes them.
 
@@ -114,7 +157,6 @@ def cell(row):
     if not row['of']:
         return '-'
     if 'median' in row:
-        unit = '' if row['unit'] == '1' else f' {row["unit"]}'
-        return f'{row["median"]:.2g}{unit} (of {row["of"]})'
+        return f'{row["median"]:.2g}{_unit(row)} (of {row["of"]})'
     return (f'{row["count"]} of {row["of"]}: {row["share_percent"]:.0f} % '
             f'({row["low_percent"]:.0f} to {row["high_percent"]:.0f})')

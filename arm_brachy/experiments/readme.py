@@ -1,7 +1,8 @@
-"""Writes the generated parts of README.md: nodes, terms, and what the files in results/ say.
+"""Writes the generated parts of READMEs: nodes, terms, and what the files in results/ say.
 
 `python -m arm_brachy.experiments.readme` rewrites what stands between `<!-- NAME: ... -->` and
-`<!-- end -->`; a test holds the README to it.
+`<!-- end -->`; a test holds them to it.
+Test: experiments/test_readme.py
 """
 
 import json
@@ -21,11 +22,12 @@ from arm_brachy.experiments.dome_faults import study as dome_faults
 from arm_brachy.experiments.gel_block import study as gel_block
 from arm_brachy.experiments.half_cylinder import study as half_cylinder
 
+DOCUMENTS = ('README.md', 'results/trials/README.md')
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
 
 
 def rendered(text, results):
-    """Return the README text with every generated section made anew.
+    """Return the text of a README with every generated section made anew.
 
     results : folder with the JSON files of `arm-brachy reproduce` and `arm-brachy run`
     """
@@ -152,15 +154,17 @@ def _mean(rows, key):
 BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _solvers,
             'diagnosis': _diagnosis, 'laboratories': _laboratories,
             'faults': _dome_faults, 'gel': _gel_block, 'cylinder': _half_cylinder,
-            'trials': blind_trials.markdown, 'baselines': blind_trials.baselines,
+            'trials': blind_trials.markdown, 'scores': blind_trials.scores,
+            'baselines': blind_trials.baselines,
             'hides': blind_trials.hidden, 'alike': blind_trials.alike}
 
 
 def main():
-    """Rewrite README.md in place."""
-    path = share_dir() / 'README.md'
-    text = path.read_text(encoding='utf-8')
-    path.write_text(rendered(text, share_dir() / 'results'), encoding='utf-8')
+    """Rewrite all of DOCUMENTS in place."""
+    for name in DOCUMENTS:
+        path = share_dir() / name
+        text = path.read_text(encoding='utf-8')
+        path.write_text(rendered(text, share_dir() / 'results'), encoding='utf-8')
 
 
 if __name__ == '__main__':
