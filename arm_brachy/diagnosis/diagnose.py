@@ -232,6 +232,7 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
         errors, request,
         conclude.recalibrated(assembly, scene, explanations, Priors().modulus,
                               best.scale if best else None),
+        evidence=accepted.evidence if accepted else None,
         held_out=accepted.held_out if accepted else None, chance=decision.left.chance,
         apart=min((float(c.separation) for c in decision.equals), default=None),
         nearest=None if verdict != 'unexplained' else conclude.nearest_of(

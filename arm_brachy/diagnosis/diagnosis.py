@@ -50,6 +50,7 @@ class Diagnosis:
     next_experiment : statements.NextExperiment or None
     recalibrated : 'E', 'nu' -> cause.Estimate [Pa, 1], fitted whatever else was found
     scene : path of the corrected scenario, None if none was written
+    evidence : gain in log evidence [nats] of what is named, over no cause; None = nothing is
     held_out : gain on what was held out of what is named, as an Alternative's; None = not scored
     chance : that noise alone leaves as much as is left, by structured tests; None = not tested
     apart : separation of what is named from the nearest rival [sd];  None = no rival
@@ -69,6 +70,7 @@ class Diagnosis:
     next_experiment: object = None
     recalibrated: dict = field(default_factory=dict)
     scene: str | None = None
+    evidence: float | None = None
     held_out: float | None = None
     chance: float | None = None
     apart: float | None = None
@@ -149,6 +151,7 @@ def _body(d):
         'next_experiment': None if d.next_experiment is None else _next(d.next_experiment),
         'scene': d.scene,
         'recalibrated': _estimates(Material, d.recalibrated),
+        'evidence_nats': d.evidence,
         'held_out_score': d.held_out,
         'chance_of_what_is_left': d.chance,
         'separation_sd': d.apart,

@@ -21,10 +21,11 @@ def free_answer(evidences, provenance, held_out=(), progress=None):
                                  rng=stream(provenance.seed, 'decision'))
     recordings = [Recording(e.name, role, *map(float, e.span)) for group, role in (
         (evidences, 'fitted'), (held_out, 'held out')) for e in group]
+    accepted = parts.decision.accepted
     found = Diagnosis(
         parts.verdict, replace(provenance, recordings=tuple(recordings)), parts.causes,
         parts.where, parts.when, parts.alternatives, parts.fit, parts.next_experiment,
-        parts.recalibrated, held_out=parts.held_out, chance=parts.chance, apart=parts.apart,
-        findings=parts.findings, notes=parts.notes)
+        parts.recalibrated, evidence=accepted and accepted.evidence, held_out=parts.held_out,
+        chance=parts.chance, apart=parts.apart, findings=parts.findings, notes=parts.notes)
     scene = evidences[0].scene
     return found, Shown(body_of(scene, build_body(scene).mesh))
