@@ -217,7 +217,8 @@ def key_rows(cls, prefix=''):
             item = '[]' if typing.get_origin(hints[f.name]) is tuple else ''
             rows += key_rows(inner[0], f'{prefix}{f.name}{item}.')
         else:
-            rows.append((prefix + f.name, _default_text(f, str), _type_name(hints[f.name]), ''))
+            rows.append((prefix + f.name, _default_text(f, str), _type_name(hints[f.name]),
+                         f.metadata.get('text', '')))
     return rows
 
 

@@ -148,6 +148,14 @@ def quantity(default, unit, text, *, low=None, high=None, shape=(), prior=None, 
     return dataclasses.field(default=info.to_si(default), metadata=meta)
 
 
+def word(text, **given):
+    """Declare a dataclass field that is no quantity, with one line saying what it is.
+
+    given : `default` or `default_factory`; nothing = must be given
+    """
+    return dataclasses.field(metadata={'text': text}, **given)
+
+
 def quantities(cls):
     """Map field name -> Quantity for the fields of dataclass `cls` declared with `quantity`."""
     return {f.name: f.metadata['quantity'] for f in dataclasses.fields(cls)

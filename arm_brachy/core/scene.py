@@ -5,15 +5,16 @@ from pathlib import Path
 from typing import Literal
 
 from arm_brachy.core import config
-from arm_brachy.core.quantity import quantity
+from arm_brachy.core.quantity import quantity, word
 
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A tetrahedral mesh file in any format meshio reads, or an .npz with nodes, tets and sets."""
+    """A tetrahedral mesh file in any format meshio reads, or an .npz (`tissue.mesh.load_mesh`)."""
 
-    file: str
-    unit: Literal['m', 'mm'] = 'm'
+    file: str = word('.msh, .vtu, ... with node sets as physical groups, or .npz: nodes (n, 3), '
+                     'tets (m, 4), and node indices (k,) under the name of each set')
+    unit: Literal['m', 'mm'] = word('of the nodes', default='m')
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,8 @@ class Material:
 class Region:
     """Which nodes: those of a named set, in a half space, or in a box (world frame)."""
 
-    kind: Literal['set', 'half_space', 'box']
-    set: str = ''
+    kind: Literal['set', 'half_space', 'box'] = word('two clamps and more are one set')
+    set: str = word('name of a node set of the mesh file', default='')
     point: tuple = quantity([0, 0, 0], 'mm', 'a point of the bounding plane', shape=(3,))
     normal: tuple = quantity([0, 0, -1], '', 'points into the region', shape=(3,))
     low: tuple = quantity([0, 0, 0], 'mm', 'lower corner', shape=(3,))
@@ -50,12 +51,16 @@ class PadPatch:
     """
 
     name: str
-    centre: tuple = quantity(None, 'mm', 'centre of the disc at rest, world frame', shape=(3,))
+    centre: tuple = quantity(None, 'mm', 'centre of the disc on the stress-free body, world '
+                             'frame', shape=(3,))
     direction: tuple = quantity(None, '', 'push direction, into the tissue', shape=(3,))
-    radius: float = quantity(8.0, 'mm', 'radius of the disc', low=0.5, high=200.0)
-    stroke: float = quantity(30.0, 'mm', 'largest push from rest', low=0.0, high=200.0)
-    set: str = ''
-    contact: Literal['bonded', 'touching'] = 'bonded'
+    radius: float = quantity(8.0, 'mm', 'radius of the disc, across the push: an oblique one '
+                             'meets an ellipse', low=0.5, high=200.0)
+    stroke: float = quantity(30.0, 'mm', 'largest push', low=0.0, high=200.0)
+    set: str = word('name of a node set of the mesh file, in place of a disc', default='')
+    contact: Literal['bonded', 'touching'] = word(
+        'bonded pads hold their nodes at zero travel where these are stress-free, whatever weighs',
+        default='bonded')
     friction: float = quantity(0.3, '', 'Coulomb coefficient (touching only)', low=0.0, high=5.0,
                                source='own choice within the 0.2 to 0.5 of dry skin on smooth '
                                       'polymers, Derler & Gerhardt 2012, Tribol Lett 45:1')
@@ -69,8 +74,8 @@ class Marker:
     """An optical marker, glued to the tissue surface, a pad or the base (`body`)."""
 
     name: str
-    position: tuple = quantity(None, 'mm', 'at rest, world frame', shape=(3,))
-    body: str = 'tissue'
+    position: tuple = quantity(None, 'mm', 'on the stress-free body, world frame', shape=(3,))
+    body: str = word('what it is glued to: tissue, base or the name of a pad', default='tissue')
 
 
 @dataclass(frozen=True)
@@ -78,7 +83,7 @@ class Target:
     """A point inside the tissue that can carry an EM sensor."""
 
     name: str
-    position: tuple = quantity(None, 'mm', 'at rest, world frame', shape=(3,))
+    position: tuple = quantity(None, 'mm', 'in the stress-free body, world frame', shape=(3,))
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,8 @@ class PointLoad:
     """A dead weight hung on the tissue at a point (its mass takes part in the dynamics)."""
 
     name: str
-    position: tuple = quantity(None, 'mm', 'where it hangs, world frame', shape=(3,))
+    position: tuple = quantity(None, 'mm', 'where it hangs on the stress-free body, world '
+                               'frame', shape=(3,))
     mass: float = quantity(None, 'g', 'hanging mass', low=0.0)
 
 
@@ -97,9 +103,10 @@ class Scene:
     name: str
     mesh: MeshFile
     fixed: Region
-    element: Literal['quadratic', 'linear'] = 'quadratic'
+    element: Literal['quadratic', 'linear'] = word('linear ones lock', default='quadratic')
     material: Material = field(default_factory=Material)
-    dynamics: Literal['quasi_static', 'implicit'] = 'quasi_static'
+    dynamics: Literal['quasi_static', 'implicit'] = word('implicit: inertia and damping',
+                                                         default='quasi_static')
     gravity: tuple = quantity([0, 0, 0], 'm_s2', 'gravity', shape=(3,))
     rayleigh_alpha: float = quantity(0.0, 'per_s', 'mass-proportional damping (implicit only)',
                                      low=0.0)

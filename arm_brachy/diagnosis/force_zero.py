@@ -144,7 +144,7 @@ def _findings(prepared, force, k, fit, scatter, slack):
             'nothing pushes.', rivals=('swelling_drift',),
             parameters={'rate': tuple(rate), 'pads': (pad,)}, slack=calibration.force_drift))
     z = sigma(zero, zero_sd, slack)
-    if z > limit:
+    if z > limit and not any(prepared.evidence.scene.gravity):    # a weight presses at rest
         zero, zero_sd = _in_frame(force, k, zero, zero_sd)
         out.append(Finding(
             FORCE, pad, 'force_drift', 'bias', zero, 'N', zero_sd, z, *span,

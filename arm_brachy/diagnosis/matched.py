@@ -12,7 +12,8 @@ from arm_brachy.diagnosis.model_error import path_errors, timing_errors, with_ac
 from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.observables import Observables, channels_of, measured
 from arm_brachy.diagnosis.recorded import Recorded
-from arm_brachy.diagnosis.stream import ENCODER
+from arm_brachy.diagnosis.stream import ENCODER, FORCE
+from arm_brachy.diagnosis.tared import loosened, note, tared
 from arm_brachy.diagnosis.tolerances import given_errors, joined, tolerances
 
 SLOW = 1.0          # s, about as long as rests between pushes are
@@ -32,6 +33,7 @@ class Matched:
     nuisances : nuisances.Nuisances, tolerances and errors of the mesh included
     finer : kind -> (n, c, 3) SI that elements of no size add to the baseline, {} = not known
     swing : kind -> (n, c) SI that inertia may add (`inertia.Inertia.swing`), {} = nothing
+    notes : sentences
     of_mesh : (N,) that, whitened;  r : (N,) whitened residual, it included
     U : (N, k) whitened nuisances
     """
@@ -42,6 +44,7 @@ class Matched:
     nuisances: object
     finer: dict = field(default_factory=dict)
     swing: dict = field(default_factory=dict)
+    notes: tuple = ()
     of_mesh: np.ndarray = field(init=False)
     r: np.ndarray = field(init=False)
     U: np.ndarray = field(init=False)
@@ -104,10 +107,16 @@ def match(recorded, specimen, ensemble, terms=(), *, calibration=None, accuracy=
     seen = with_accuracy(measured(recorded.states), baseline.shown, rest, channels, accuracy)
     swing = inertia.swing(recorded.prepared.motion, recorded.states) if inertia else {}
     observables = Observables(with_swing(seen, swing, channels) if swing else seen, channels)
+    weight, notes = tared(seen, rest[FORCE], least, channels[FORCE], calibration), ()
+    if weight is not None:
+        shape = baseline.shown[FORCE].shape
+        observables = observables.less({FORCE: np.broadcast_to(-weight, shape)})
+        calibration, notes = loosened(calibration, weight), (note(recorded.name, weight),)
     parts = [nuisances(baseline, calibration, several=several),
              tolerances(baseline, calibration, recorded.structure.rhythm),
              given_errors(baseline, terms), timing_errors(baseline, recorded, accuracy),
              ensemble.along(baseline)]
     if recorded.prepared.evidence.get(ENCODER).taken is not None:
         parts.append(path_errors(baseline, recorded))
-    return Matched(recorded, baseline, observables, joined(*parts), swing=swing)
+    return Matched(recorded, baseline, observables, joined(*parts), swing=swing,
+                   notes=notes)

@@ -16,7 +16,7 @@ def modulus_ratio(recorded, specimen):
     """Measured over modelled force in each pad's deepest holds of a Recorded; 1 where none tells.
 
     Of all pads together, by least squares: a modulus scales forces alone as long as nothing hangs
-    by its weight; what single pads have besides is left.
+    by its weight, where they count from those at rest; what single pads have besides is left.
     """
     states = recorded.states
     force = states.streams.get(FORCE)
@@ -25,9 +25,15 @@ def modulus_ratio(recorded, specimen):
     deep = _deepest_holds(states)
     if not len(deep):
         return 1.0
-    found = ForwardModel(specimen).predict(recorded.path, states.t[deep])
+    home = int(np.abs(states.q).sum(axis=1).argmin())
+    every = np.union1d(deep, home)
+    found = ForwardModel(specimen).predict(recorded.path, states.t[every])
     index = [specimen.pads.index(name) for name in force.names]
-    measured, model = force.values[deep], components(found.force[:, index], force.along)
+    measured, model = force.values[every], components(found.force[:, index], force.along)
+    if any(specimen.scene.gravity):
+        measured, model = (one - one[every == home] for one in (measured, model))
+    chosen = np.isin(every, deep)
+    measured, model = measured[chosen], model[chosen]
     weight = np.where(np.isfinite(measured) & np.isfinite(model), 1.0 / force.variance[deep], 0.0)
     power = float(np.sum(weight * np.nan_to_num(model)**2))
     if power < LEAST**2:

@@ -35,10 +35,11 @@ def import_csv(map_file, out_dir, *, folder=None, attachments=None):
     encoder = encode.Encoder()
     streams, report = [], {}
     for kind, build in _BUILDERS.items():
-        for options in getattr(column_map, kind):
-            _check_patterns(map_file, kind, options)
+        for i, options in enumerate(getattr(column_map, kind)):
+            where = f'{map_file}: {kind}[{i}]'
+            _check_patterns(where, kind, options)
             if kind == 'forces':
-                _check_directions(map_file, options)
+                _check_directions(where, options)
             table = read_table(folder / options.csv.path, options.csv)
             t_ns = _shifted(table, column_map.start)
             topics, records = build(encoder, options, table, t_ns, report)
@@ -150,40 +151,42 @@ def _tools(encoder, options, table, t_ns, report):
 _BUILDERS = {'encoders': _encoders, 'forces': _forces, 'optical': _optical, 'em': _tools}
 
 
-def _check_patterns(map_file, kind, options):
+def _check_patterns(where, kind, options):
     """A wrong placeholder is a mistake in the map: say so before any file is read."""
     for key, allowed in (('columns', ('key', 'axis')), ('quaternion', ('key', 'axis')),
                          ('quality', ('key',))):
         pattern = getattr(options, key, '')
         if kind == 'encoders':
             allowed = ('key',)
-        for name in _placeholders(map_file, kind, key, pattern):
+        for name in _placeholders(where, key, pattern):
             if name not in allowed:
                 braces = ' and '.join('{' + a + '}' for a in allowed)
-                raise ConfigError(f'{map_file}: {kind}.{key} = {pattern!r}; may hold only '
+                raise ConfigError(f'{where}.{key} = {pattern!r}; may hold only '
                                   f'{braces}')
         if pattern and '{key}' not in pattern:
-            raise ConfigError(f'{map_file}: {kind}.{key} = {pattern!r}; must hold {{key}}')
+            raise ConfigError(f'{where}.{key} = {pattern!r}; must hold {{key}}, for which `names` '
+                              "has the file's words, '' among them")
 
 
-def _check_directions(map_file, options):
+def _check_directions(where, options):
     """A cell of one axis has a direction and no columns by axis; others the other way round."""
-    where, ways = f'{map_file}: forces', options.directions
-    if bool(ways) == ('axis' in _placeholders(map_file, 'forces', 'columns', options.columns)):
+    ways = options.directions
+    if bool(ways) == ('axis' in _placeholders(where, 'columns', options.columns)):
         raise ConfigError(
             f'{where}.columns = {options.columns!r}; must hold {{axis}}, or have `directions` for '
             'load cells of one axis, and not both')
-    strange = set(ways) ^ set(options.names or ways) if ways else ()
-    if strange:
-        raise ConfigError(f'{where}.directions: {", ".join(sorted(strange))} must be in `names` '
-                          'and in `directions`')
+    for key, here, there in (('directions', ways, options.names), ('names', options.names, ways)):
+        lacking = sorted(set(there) - set(here))
+        if ways and options.names and lacking:
+            raise ConfigError(f'{where}.{key}: lacks {", ".join(lacking)}; must have every pad of '
+                              'this section, in `names` and in `directions`')
     for name, way in ways.items():
         if not np.linalg.norm(way) > 0.0:
             raise ConfigError(f'{where}.directions.{name} = {list(way)}; must be a direction')
 
 
-def _placeholders(map_file, kind, key, pattern):
+def _placeholders(where, key, pattern):
     try:
         return [name for _, name, _, _ in string.Formatter().parse(pattern) if name is not None]
     except ValueError as error:
-        raise ConfigError(f'{map_file}: {kind}.{key} = {pattern!r}: {error}') from None
+        raise ConfigError(f'{where}.{key} = {pattern!r}: {error}') from None

@@ -148,6 +148,21 @@ def _integrated(specimen, path, parts=5):
     return {OPTICAL: points[:, :markers], EM: points[:, markers:], FORCE: np.array(forces)}
 
 
+@pytest.mark.parametrize('zeroed', [True, False], ids=['under the weight', 'before it'])
+def test_the_weight_of_a_body_is_no_fault_of_its_force_sensors(scene, zeroed):
+    """Pads carry up to 0.5 N at rest, which cells show or do not."""
+    specimen = specimen_of(replace(scene, gravity=(0.0, 0.0, -9.81)))
+    path = path_of(PUSHES[:4])
+    found = ForwardModel(specimen).predict(path, path.t)
+    shown = {kind: found.get(kind) for kind in (OPTICAL, EM, FORCE)}
+    assert np.abs(shown[FORCE][0]).max() > 0.2
+    if zeroed:
+        shown[FORCE] = shown[FORCE] - shown[FORCE][0]
+    d = diagnose((seen('heavy', specimen, path, shown.get, 1),), source(), meshes=MESHES).diagnosis
+    assert d.verdict == 'nothing_missing' and d.causes == ()
+    assert any('zeroed under it' in note for note in d.notes) == zeroed
+
+
 def test_stiffening_is_named_with_its_size(stiffening):
     d = stiffening.diagnosis
     assert d.verdict == 'named'

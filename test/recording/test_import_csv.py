@@ -168,10 +168,11 @@ def test_load_cells_of_one_axis_push_back_along_it(tmp_path):
 
 @pytest.mark.parametrize(('old', 'new', 'message'), [
     ('{a: [0, 3, 0], b: [3, 0, -4]}', '{}',
-     r"columns = 'cell\{key\}'; must hold \{axis\}, or have `directions` for load cells"),
+     r"forces\[0\].columns = 'cell\{key\}'; must hold \{axis\}, or have `directions`"),
     ("'cell{key}'", "'cell{key}{axis}'", 'and not both'),
-    ('b: [3, 0, -4]', 'b: [0, 0, 0]', r'forces.directions.b = \[0.0, 0.0, 0.0\]; must be a dir'),
-    ('b: [3, 0, -4]', 'c: [0, 0, 1]', 'forces.directions: b, c must be in `names` and in `dir'),
+    ('b: [3, 0, -4]', 'b: [0, 0, 0]', r'forces\[0\].directions.b = \[0.0, 0.0, 0.0\]; must be'),
+    ('b: [3, 0, -4]', 'c: [0, 0, 1]', r'forces\[0\].directions: lacks b; must have every pad'),
+    ("{a: '1', b: '2'}", "{a: '1'}", r'forces\[0\].names: lacks b; must have every pad'),
     ('directions:', 'axes: [Z]\n    directions:', r"axes = \['Z'\]; must have 3 entries")])
 def test_cells_without_a_direction_are_refused_in_a_line(tmp_path, old, new, message):
     with pytest.raises(ConfigError, match=message) as refused:
