@@ -4,8 +4,9 @@ Test: experiments/test_readme.py
 """
 
 import json
+from dataclasses import dataclass
 
-from arm_brachy.prove.totals import COVERED, GOALS, LIMITS, share
+from scipy.stats import binomtest
 
 # Folders of results/trials: commits of the detector, in order.
 TRIALS = ('bc215fd', 'bda5ad8', 'c10f951', '1bd0120', 'fe474c0', 'b6f6b5d',
@@ -29,11 +30,12 @@ def markdown(results):
     results : folder with trials/COMMIT/result.json, as `prove.report` writes it. '-' where a
     trial is older than what is counted, or had nothing to count.
     """
-    columns = (*GOALS, *(f'{what}, median' for what in LIMITS), COVERED)
+    trials = list(_scored(results))[::-1]
+    columns = tuple(trials[0].goals)
     lines = [f'| trial | {" | ".join(columns)} |', '|---' * (1 + len(columns)) + '|']
-    for name, mode, cases, rows in reversed(list(_scored(results))):
-        cells = [cell(rows[what]) if what in rows else '-' for what in columns]
-        lines.append(f'| {name}, {mode}, {cases} cases | {" | ".join(cells)} |')
+    for one in trials:
+        cells = [cell(one.rows[what]) if what in one.rows else '-' for what in columns]
+        lines.append(f'| {one.name}, {one.mode}, {one.cases} cases | {" | ".join(cells)} |')
     return '\n'.join(lines)
 
 
@@ -43,46 +45,57 @@ def scores(results):
     Detectors differ from trial to trial: together they say how often these have been right, with
     an interval that one trial has not.
     """
-    trials = {mode: [one for one in _scored(results) if one[1] == mode] for mode in MODES}
+    trials = {mode: [one for one in _scored(results) if one.mode == mode] for mode in MODES}
+    last = {mode: some[-1] for mode, some in trials.items()}
     lines = ['| | ' + ' | '.join(
-        f'{mode}: goal | {trials[mode][-1][0]}, {trials[mode][-1][2]} cases | '
-        f'last {TOGETHER}, {sum(one[2] for one in trials[mode][-TOGETHER:])} cases'
+        f'{mode}: goal | {last[mode].name}, {last[mode].cases} cases | '
+        f'last {TOGETHER}, {sum(one.cases for one in trials[mode][-TOGETHER:])} cases'
         for mode in MODES) + ' |', '|---' * (1 + 3 * len(MODES)) + '|']
-    for what, (*goals, least) in GOALS.items():
+    for what in last[MODES[0]].goals:
         line = [what]
-        for mode, goal in zip(MODES, goals, strict=True):
-            each = [one[3][what] for one in trials[mode] if what in one[3]]
-            line += [f'{">=" if least else "<="} {goal:g} %', cell(each[-1]),
-                     cell(_together(each[-TOGETHER:]))]
+        for mode in MODES:
+            each = [one.rows[what] for one in trials[mode] if what in one.rows]
+            line += [last[mode].goals[what], cell(each[-1]), cell(_together(each[-TOGETHER:]))]
         lines.append(f'| {" | ".join(line)} |')
-    for what, (*goals, least) in LIMITS.items():
-        line = [what]
-        for mode, goal in zip(MODES, goals, strict=True):
-            last = trials[mode][-1][3][f'{what}, median']
-            line += [f'{">=" if least else "<="} {goal:g}' + _unit(last), cell(last), '-']
-        lines.append(f'| {" | ".join(line)} |')
-    line = [COVERED]
-    for mode in MODES:
-        each = [one[3][COVERED] for one in trials[mode] if COVERED in one[3]]
-        line += ['85 to 95 %', cell(each[-1]), cell(_together(each[-TOGETHER:]))]
-    return '\n'.join([*lines, f'| {" | ".join(line)} |'])
+    return '\n'.join(lines)
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A trial in one mode.
+
+    name : commit;  cases : how many;  rows : what -> row;  goals : what -> goal in words
+    """
+
+    name: str
+    mode: str
+    cases: int
+    rows: dict
+    goals: dict
 
 
 def _scored(results):
-    """(name, mode, number of cases, what -> row) of every trial and mode, in order."""
+    """The Scored of every trial and mode, in order."""
     for name in TRIALS:
         path = results / 'trials' / name / 'result.json'
-        rows = json.loads(path.read_text(encoding='utf-8'))['rows']
+        body = json.loads(path.read_text(encoding='utf-8'))
+        rows = body['rows']
         for mode in dict.fromkeys(row['over_all'] for row in rows if 'over_all' in row):
-            yield name, mode, sum('case' in row and row['mode'] == mode for row in rows), {
+            yield Scored(name, mode, sum('case' in row and row['mode'] == mode for row in rows), {
                 row['what'] + ', median' * ('median' in row): row for row in rows
-                if row.get('over_all') == mode and 'what' in row}
+                if row.get('over_all') == mode and 'what' in row}, {
+                target['name'].partition(': ')[2]: f'{target["goal"]}{_unit(target)}'
+                for target in body['targets'] if target['name'].startswith(f'{mode}: ')})
 
 
 def _together(rows):
-    """The share of several trials as one."""
-    hits, of = (sum(row[key] for row in rows) for key in ('count', 'of'))
-    return share('', [i < hits for i in range(of)], bool)
+    """The share of several trials as one, with Wilson's interval; medians have none: '-'."""
+    hits, of = (sum(row.get(key, 0) for row in rows) for key in ('count', 'of'))
+    if not of or 'median' in rows[-1]:
+        return {'of': 0}
+    ends = binomtest(hits, of).proportion_ci(method='wilson')
+    return {'count': hits, 'of': of, 'share_percent': 100.0 * hits / of,
+            'low_percent': 100.0 * ends.low, 'high_percent': 100.0 * ends.high}
 
 
 def _unit(row):
