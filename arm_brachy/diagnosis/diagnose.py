@@ -124,7 +124,7 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     provenance = replace(provenance, recordings=_recordings(looked, tested, sound))
     left = ensemble.limit.left if judgement.at_limit else ensemble
     request = asked(judgement.assembly, judgement.decision, left, calibration)
-    left_out = (*left_out, *said_of_inertia(inertia, matched),
+    left_out = (*left_out, *said_of_inertia(matched, calibration),
                 *(note for m in (*matched, *tests) for note in m.notes))
     return _answer(judgement, found, looked, provenance, ratio, left_out, request,
                    None if null else left)

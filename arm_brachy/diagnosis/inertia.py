@@ -126,11 +126,13 @@ def with_lag(calibration, scene):
     return replace(calibration, clock=float(np.hypot(calibration.clock, lag)))
 
 
-def said(inertia, matched):
-    """The note on Matched of a body with Inertia whose model has none; () for None."""
-    if inertia is None:
-        return ()
-    return (NOTE.format(*_largest([m.swing for m in matched]), 1e3 * inertia.lag),)
+def said(matched, calibration):
+    """The note on Matched of a body with inertia whose model has none; () if it has none.
+
+    calibration : finding.Calibration `with_lag`
+    """
+    swings = [m.swing for m in matched if m.swing]
+    return (NOTE.format(*_largest(swings), 1e3 * calibration.clock),) if swings else ()
 
 
 def hint(matched):

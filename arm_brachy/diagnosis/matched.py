@@ -107,7 +107,7 @@ def match(recorded, specimen, ensemble, terms=(), *, calibration=None, accuracy=
     seen = with_accuracy(measured(recorded.states), baseline.shown, rest, channels, accuracy)
     swing = inertia.swing(recorded.prepared.motion, recorded.states) if inertia else {}
     observables = Observables(with_swing(seen, swing, channels) if swing else seen, channels)
-    weight, notes = tared(seen, rest[FORCE], least, channels[FORCE], calibration), ()
+    weight, notes = tared(seen, rest[FORCE], least, specimen, calibration), ()
     if weight is not None:
         shape = baseline.shown[FORCE].shape
         observables = observables.less({FORCE: np.broadcast_to(-weight, shape)})

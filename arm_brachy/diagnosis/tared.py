@@ -16,16 +16,17 @@ NEAR = 0.25     # of what the weight presses with, that is read of it by cells z
 LARGE = 3.0     # tolerances of a zero, for a weight to be told from it
 
 
-def tared(measured, rest, least, channels, calibration):
+def tared(measured, rest, least, specimen, calibration):
     """What the weight presses with (p, 3) [N] if cells were zeroed under it; None if not.
 
     measured : observables.Measured each;  rest : (p, 3) [N] of the model with the pads at home
-    least : number of the state that this is;  channels : names of the p
+    least : number of the state that this is;  specimen : specimen.Specimen
+    Nothing where its scene has no gravity: what else presses at rest is a cause, or an error.
     """
     force = next((one for one in measured if one.kind == FORCE), None)
-    if force is None:
+    if force is None or not any(specimen.scene.gravity):
         return None
-    there = [channels.index(name) for name in force.names]
+    there = [specimen.pads.index(name) for name in force.names]
     weight = components(rest[there], force.along)[force.valid[least]]
     read = force.values[least][force.valid[least]]
     zero = (calibration or Calibration()).force_zero

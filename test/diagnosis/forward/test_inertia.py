@@ -96,7 +96,7 @@ def test_before_the_first_push_and_long_after_the_last_nothing_swings(soft, moti
 
 
 def test_a_quasi_static_scene_has_none_and_no_note(linear):
-    assert inertia_of(linear) is None and said(None, ()) == ()
+    assert inertia_of(linear) is None and said([SimpleNamespace(swing={})], None) == ()
     given = Calibration(clock=1.0)
     assert with_lag(given, linear.scene) is given and with_lag(None, linear.scene) is None
 
@@ -115,5 +115,5 @@ def test_states_have_it_beside_what_a_model_may_be_wrong_by():
     wide, = with_swing([stream], {FORCE: np.array([[9.0, 4.0], [9.0, 0.0]])}, {FORCE: 'ab'})
     np.testing.assert_allclose(wide.own[:, 0, 0], [5.0, 3.0])
     swing = {OPTICAL: np.array([[2e-5]]), EM: np.zeros((1, 0)), FORCE: np.array([[0.03]])}
-    note, = said(SimpleNamespace(lag=0.025), [SimpleNamespace(swing=swing)])
+    note, = said([SimpleNamespace(swing=swing)], Calibration(clock=0.025))
     assert '0.02 mm and 0.03 N' in note and '25 ms' in note

@@ -1,5 +1,7 @@
 """Cells zeroed under the weight of a body are told from cells that show it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,8 @@ from arm_brachy.diagnosis.stream import FORCE, OPTICAL
 from arm_brachy.diagnosis.tared import loosened, note, tared
 
 PADS = ('a', 'b', 'c')
+HEAVY, LIGHT = (SimpleNamespace(pads=PADS, scene=SimpleNamespace(gravity=(0.0, 0.0, g)))
+                for g in (-9.81, 0.0))
 WEIGHT = np.array([[0.0, 0.1, -0.9], [0.2, 0.0, -0.8], [0.0, 0.0, 0.7]])    # N
 ZERO = 0.03 * np.array([[1.0, -1.0, 0.5], [-0.5, 1.0, 0.2], [0.3, 0.1, -1.0]])
 
@@ -23,23 +27,27 @@ def forces(read, names=PADS, along=None):
 @pytest.mark.parametrize(('read', 'under'), [
     (ZERO, True), (WEIGHT + ZERO, False), (0.8 * WEIGHT, False), (-WEIGHT, False)])
 def test_what_is_read_at_rest_says_whether_cells_were_zeroed_under_the_weight(read, under):
-    found = tared([forces(read)], WEIGHT, 1, PADS, None)
+    found = tared([forces(read)], WEIGHT, 1, HEAVY, None)
     assert (found is not None) == under
 
 
 def test_a_weight_that_a_zero_may_hide_is_left_to_the_zero():
-    assert tared([forces(0.0 * ZERO)], 0.05 * WEIGHT, 1, PADS, None) is None
-    assert tared([forces(ZERO)], WEIGHT, 1, PADS, Calibration(force_zero=0.5)) is None
+    assert tared([forces(0.0 * ZERO)], 0.05 * WEIGHT, 1, HEAVY, None) is None
+    assert tared([forces(ZERO)], WEIGHT, 1, HEAVY, Calibration(force_zero=0.5)) is None
+
+
+def test_what_presses_without_gravity_is_no_weight():
+    assert tared([forces(ZERO)], WEIGHT, 1, LIGHT, None) is None
 
 
 def test_cells_of_one_axis_and_of_some_pads_are_asked_for_what_they_see():
     along = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     some = forces(ZERO[1:, 2:], ('b', 'c'), along)
-    assert tared([some], WEIGHT, 1, PADS, None) is WEIGHT
+    assert tared([some], WEIGHT, 1, HEAVY, None) is WEIGHT
     aside = forces(ZERO[1:, 2:], ('b', 'c'), np.array([[0.0, 1.0, 0.0]] * 2))
-    assert tared([aside], WEIGHT, 1, PADS, None) is None
+    assert tared([aside], WEIGHT, 1, HEAVY, None) is None
     assert tared([Measured(OPTICAL, ('m',), *[np.zeros((1, 1, 3))] * 3, np.eye(1))], WEIGHT, 0,
-                 PADS, None) is None
+                 HEAVY, None) is None
 
 
 def test_their_zero_is_known_no_better_than_the_weight():
