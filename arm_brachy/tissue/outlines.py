@@ -40,6 +40,9 @@ def follow_rims(mesh, patches, surface):
     nodes, sharp = mesh.nodes.copy(), np.intersect1d(outer, sharp_edges(mesh))
     nodes[outer] = nearest_on(surface, nodes[outer])
     nodes[sharp] = _nearest_edge(surface, mesh.nodes[sharp])
+    for patch in patches:   # the mesher left those that it made there within its envelope
+        mine = _on_rim(mesh, patch)
+        nodes[mine] = onto(surface, mesh.nodes[mine], patch)
     return moved(mesh, nodes, SOUND)
 
 

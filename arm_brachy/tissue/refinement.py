@@ -160,13 +160,13 @@ def near_rims(mesh, patches, edge_length, *, growth=1.0, largest=np.inf):
 def moved(mesh, nodes, least=STAY):
     """Return the mesh with nodes at `nodes` (n, 3) but for those that would flatten an element.
 
-    least : mean ratio below which its nodes stay
+    least : mean ratio below which its nodes stay, unless it was below and gets no flatter
     """
-    target = nodes.copy()
+    target, before = nodes.copy(), mean_ratio(mesh)
     while True:
         new = replace(mesh, nodes=target)
         mine = (target != mesh.nodes).any(axis=1)
-        bad = (mean_ratio(new) < least) & mine[mesh.tets].any(axis=1)
+        bad = (mean_ratio(new) < np.minimum(least, before)) & mine[mesh.tets].any(axis=1)
         if not bad.any():
             return new
         back = np.unique(mesh.tets[bad])

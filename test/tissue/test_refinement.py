@@ -1,5 +1,7 @@
 """Bisection keeps volume, neighbours and sets; grading keeps rims and surface; discs are met."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -159,6 +161,17 @@ def test_a_mesh_without_rims_gets_them(box):
     assert pad_area(mesh, TOP) == pytest.approx(polygon_area(centred, edges), rel=1e-9)
     assert volumes(mesh).sum() == pytest.approx(L ** 3, rel=1e-12)
     assert mean_ratio(mesh).min() > 0.5 * mean_ratio(box).min()
+
+
+def test_rim_nodes_that_a_mesher_left_off_the_surface_go_onto_it(box):
+    surface = trimesh.creation.box(bounds=[[0.0, 0.0, 0.0], [L, L, L]])
+    mesh = follow_rims(box, (TOP,), surface)
+    on_rim = np.unique(outline(mesh, TOP))
+    nodes = mesh.nodes.copy()
+    nodes[on_rim, 2] += 0.01 * L * np.resize([1.0, -1.0], len(on_rim))
+    mesh = follow_rims(replace(mesh, nodes=nodes), (TOP,), surface)
+    np.testing.assert_allclose(mesh.nodes[on_rim, 2], L, atol=1e-12)
+    assert np.array_equal(np.unique(outline(mesh, TOP)), on_rim)
 
 
 def test_grading_brings_rim_and_surface_nearer(ball):
