@@ -90,6 +90,19 @@ class BodyTerm(Term, Protocol):
         body : with the stress-free shape that it had during the step, swollen if it was
         """
 
+    def carried(self, body, steps, fields):
+        """Write into `fields`, one for each of steps.at, what `before_step` does along `steps`.
+
+        steps : tissue.body.Steps, positions that are known
+        Memory is stepped through all of them; a term may know a shorter way to the same.
+        """
+        memory, wanted = self.memory(body), dict(zip(steps.at.tolist(), fields, strict=True))
+        for k in range(steps.at[-1] + 1):
+            if k in wanted:
+                self.before_step(body, memory, steps.t[k], steps.acting[k], wanted[k])
+            memory = self.after_step(body.swollen(steps.swelling[k]), memory, steps.x[k],
+                                     steps.t[k], steps.dt[k])
+
 
 class ActuationTerm(Term, Protocol):
     """Actuation terms (Kind.ACTUATION), vectorised over the bank's n actuators.

@@ -217,12 +217,8 @@ class Baseline:
                                f'({outcome.name}: {outcome.advice})')
 
     def _fields(self, trajectory, *, lasting=False):
-        wanted = dict.fromkeys(self.at.tolist())
-        for i, fields in enumerate(evolve(self.model.body, self.model.body_terms, trajectory,
-                                          lasting=lasting)):
-            if i in wanted:
-                wanted[i] = fields
-        return [wanted[i] for i in self.at.tolist()]
+        return evolve(self.model.body, self.model.body_terms, trajectory, self.at,
+                      lasting=lasting)
 
     def _places(self):
         if self._single:

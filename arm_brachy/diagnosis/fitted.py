@@ -15,7 +15,8 @@ from arm_brachy.diagnosis.law_error import by_nodes, law_of, widened
 from arm_brachy.diagnosis.matched import SET_UP
 from arm_brachy.diagnosis.mesh_errors import NAMES
 from arm_brachy.diagnosis.motion import corners_of
-from arm_brachy.diagnosis.nuisances import MODULUS
+from arm_brachy.diagnosis.nuisances import MODULUS, TOUCH
+from arm_brachy.diagnosis.off_zero import matters, otherwise
 from arm_brachy.diagnosis.preload import preload
 from arm_brachy.diagnosis.recording_fit import Data
 from arm_brachy.diagnosis.refit import Refit, refit
@@ -44,7 +45,8 @@ class Fitted:
     scale : Estimate of the modulus over that of the model, fitted with them; None without refit
     notes : sentences
     back : per such recording columns (N, g) of pads off their zeros where that is not as the model
-        without the causes answers: loose ones (`standing_back`), tissue that changes (`preload`)
+        without the causes answers: loose ones (`standing_back`), tissue that changes (`preload`),
+        another body (`off_zero`)
     covariance : (k, k) of the coordinates of `refit`, their laws' errors in it; None without refit
     """
 
@@ -118,6 +120,11 @@ def fit_in_full(assembly, candidate, law, start=None):
                      for m, one in zip(suspects, data, strict=True))
         data = [one.beside(columns) for one, columns in zip(data, back, strict=True)]
         found = refit(data, (*hypotheses, modulus), (*sizes, np.zeros(1)), start=start)
+        more = _as_found(suspects, data, found)
+        if more:
+            data = [one.beside(columns) for one, columns in zip(data, more, strict=True)]
+            back = tuple(np.hstack(pair) for pair in zip(back, more, strict=True))
+            found = refit(data, (*hypotheses, modulus), (*sizes, np.zeros(1)), start=found.z)
     except (NotConverged, InputError, InvertedElement) as error:
         amplitudes = [_allowed(*x) for x in zip(hypotheses, amplitudes, strict=True)]
         estimates = tuple(_linear(*x) for x in zip(hypotheses, amplitudes, widths, strict=True))
@@ -141,6 +148,19 @@ def _off_zero(m, data, hypotheses, amplitudes):
                           for one, a in zip(hypotheses, amplitudes, strict=True)])
     touch = m.recorded.prepared.calibration.touch
     return np.hstack([standing_back(data, terms, touch), preload(data, terms, touch)])
+
+
+def _as_found(suspects, data, found):
+    """Columns (N, p) of each recording of pads off their zeros in the body as it was found, by
+    which these differ from those of the model; () where that is no matter.
+    """
+    touch = suspects[0].recorded.prepared.calibration.touch
+    which = [np.pad([name.startswith(TOUCH) for name in m.nuisances.names if name != MODULUS],
+                    (0, one.U.shape[1] - np.sum(np.array(m.nuisances.names) != MODULUS)))
+             for m, one in zip(suspects, data, strict=True)]
+    if not matters(data, found.residual, which, touch):
+        return ()
+    return tuple(otherwise(one, found.terms, touch) for one in data)
 
 
 def _effects(assembly, candidate):

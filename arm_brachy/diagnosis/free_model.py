@@ -145,8 +145,8 @@ class FreeModel:
         solver, near = StaticSolver(self.body), self._near
         if near is None or near.shape != self.body.mesh.nodes.shape:
             near = self.body.mesh.nodes
-        fields = next(evolve(self.body, self.terms, self._trajectory(
-            np.array([RINGS]), self.body.mesh.nodes[None])))
+        fields, = evolve(self.body, self.terms, self._trajectory(
+            np.array([RINGS]), self.body.mesh.nodes[None]))
         found = solver.solve(near, np.zeros((0, 3)), fields)
         if not found.outcome.ok:
             raise NotConverged(f'no equilibrium under its own weight ({found.outcome.advice})')
@@ -171,8 +171,7 @@ class FreeModel:
     def _fields(self, path, now):
         """StepFields of the slow motion at an instant; of what relaxes, the long-term moduli."""
         slow = tuple(t for t in self.terms if not isinstance(t, Viscoelasticity))
-        *_, fields = evolve(self.body, slow, path.take(np.arange(now + 1)))
-        return fields
+        return evolve(self.body, slow, path, [now])[0]
 
     def _memory(self, solver, x, dofs, modes, w):
         """What relaxing branches add to w^2 and to the damping ratio of every mode, (j,) each."""

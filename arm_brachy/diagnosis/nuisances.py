@@ -14,7 +14,8 @@ from arm_brachy.diagnosis.responses import respond
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 
-MODULUS = 'modulus'     # what the nuisance of the whole body's stiffness is called
+MODULUS = 'modulus'     # what the nuisance of the whole body's stiffness is called,
+TOUCH = 'touch_'        # and what those of pads off their zeros begin with
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def _touches(baseline, sd):
     for p, name in enumerate(baseline.model.specimen.pads):
         moved = sd * (np.arange(len(baseline.model.specimen.pads)) == p)
         changes = [baseline.pads_moved(i, moved) for i in range(len(baseline.t))]
-        yield f'touch_{name}', {kind: np.stack([change[kind] for change in changes])
+        yield f'{TOUCH}{name}', {kind: np.stack([change[kind] for change in changes])
                                 for kind in (OPTICAL, EM, FORCE)}
 
 

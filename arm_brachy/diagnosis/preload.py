@@ -34,7 +34,7 @@ def preload(data, terms, touch):
     plain, terms = data.baseline, (*data.terms, *terms)
     model = ForwardModel(data.specimen, terms, options=STATICS,
                          alike=Alongside(plain.trajectory, plain.model.body.mesh.nodes))
-    if rebuilt(plain.model.body, model.body) or not _changes(model, plain.trajectory):
+    if rebuilt(plain.model.body, model.body) or not _changes(model, plain):
         return np.zeros((len(data.observables.rows), len(model.body.pads)))
     changed, columns = Baseline(model, data.encoder, data.t, lasting=True), []
     for moved in touch * np.eye(len(model.body.pads)):
@@ -44,11 +44,11 @@ def preload(data, terms, touch):
         {kind: np.stack([one[kind] for one in columns], axis=3) for kind in STAGES})
 
 
-def _changes(model, trajectory):
-    """True if a ForwardModel answers to what never changed otherwise in the course of a motion."""
+def _changes(model, plain):
+    """True if a ForwardModel answers to what never changed otherwise in a state of a Baseline."""
     fresh = StepFields.of(model.body)
     return any(not same_fields(fields, fresh) for fields in evolve(
-        model.body, model.body_terms, trajectory, lasting=True))
+        model.body, model.body_terms, plain.trajectory, plain.at, lasting=True))
 
 
 def _change(plain, changed, moved, motion):

@@ -153,7 +153,7 @@ class _Fit:
         while any(one.beside is not None for one in self.recordings):
             moved = self.beside.square(np.concatenate(self.columns) @ (found[0].z - z))
             added, effect = np.sum([one.open for one in self.recordings], axis=0)
-            left = 2.0 * moved * added / effect
+            left = 2.0 * moved * added / effect if np.isfinite(added) else np.inf
             if left < self.options.tolerance:
                 break
             self.refuse_endless(left, False)

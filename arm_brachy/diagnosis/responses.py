@@ -237,16 +237,13 @@ def _moduli_alone(baseline, body, terms):
 
 
 def _states(baseline, body, terms, shift):
-    """Yield (state, StepFields) with the memory of all terms carried along the baseline."""
+    """(state, StepFields) of each, with the memory of all terms carried along the baseline."""
     path, at = baseline.trajectory, baseline.at
     if not any(term.memory(body) is not None for term in terms):
         path, at = path.take(at), np.arange(len(at))
     if shift.any():
         path = Trajectory(path.t, path.pads, path.x + shift, path.force, path.base, path.outcomes)
-    number = {k: i for i, k in enumerate(at.tolist())}
-    for k, fields in enumerate(evolve(body, terms, path)):
-        if k in number:
-            yield number[k], fields
+    return enumerate(evolve(body, terms, path, at))
 
 
 def transmission_change(baseline, term):

@@ -9,7 +9,7 @@ import numpy as np
 
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.diagnosis.motion import FINENESS, corners_of
-from arm_brachy.tissue.body import StepFields
+from arm_brachy.tissue.body import StepFields, Steps
 from arm_brachy.tissue.contact_pads import touches
 from arm_brachy.tissue.newton import StaticSolver
 from arm_brachy.tissue.simulator import TissueSimulator
@@ -218,22 +218,34 @@ def stepped(body, terms, t, pads, options=None):
                       tuple(s.outcome for s in states))
 
 
-def evolve(body, terms, trajectory, *, lasting=False):
-    """Yield the StepFields in force at every instant of a Trajectory, memory following its x.
+def evolve(body, terms, trajectory, at=None, *, lasting=False):
+    """Return the StepFields in force at instants of a Trajectory, memory following its x.
 
     body : SoftBody as `terms` prepared it;  terms : body terms
+    at : (k,) numbers of the instants, increasing; None = all
     lasting : those of a step without end instead, by which small loads answer that never change
     Each memory is carried along positions that are given, not solved for: to first order in an
     effect this is what it does, and exact for the terms that the trajectory was found with. The
     first instant has lasted for ever. Raises InvertedElement as the terms do.
     """
-    memories = tuple(term.memory(body) for term in terms)
-    steps = np.diff(trajectory.t, prepend=-np.inf)
-    for t, dt, x in zip(trajectory.t, steps, trajectory.x, strict=True):
+    dt = np.diff(trajectory.t, prepend=-np.inf)
+    acting = np.full(len(dt), np.inf) if lasting else dt
+    at = np.arange(len(dt)) if at is None else np.asarray(at)
+    fields = [StepFields.of(body) for _ in at]
+    terms = [term for term in terms if term.memory(body) is not None]
+    steps = Steps(trajectory.t, dt, acting, trajectory.x,
+                  _swelling(body, terms, trajectory.t, acting), at)
+    for term in terms:
+        term.carried(body, steps, fields)
+    return fields
+
+
+def _swelling(body, terms, t, acting):
+    """(m,) stretch of the stress-free shape at t (m,), which only the clock changes."""
+    terms, out = [(term, term.memory(body)) for term in terms if term.spec.timed], np.ones(len(t))
+    for k, now in enumerate(t if terms else ()):
         fields = StepFields.of(body)
-        for term, memory in zip(terms, memories, strict=True):
-            term.before_step(body, memory, t, np.inf if lasting else dt, fields)
-        yield fields
-        swollen = body.swollen(fields.swelling)
-        memories = tuple(term.after_step(swollen, memory, x, t, dt)
-                         for term, memory in zip(terms, memories, strict=True))
+        for term, memory in terms:
+            term.before_step(body, memory, now, acting[k], fields)
+        out[k] = fields.swelling
+    return out

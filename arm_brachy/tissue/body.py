@@ -241,3 +241,21 @@ class StepFields:
         """Multiply every modulus but the bulk modulus by `scale`, a scalar or (m,)."""
         self.mu *= scale
         self.beyond[:, :2] *= np.reshape(scale, (-1, 1))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Known positions of a body, step after step, along which memories are carried.
+
+    t : (m,) [s] ends of the steps;  dt : (m,) [s] their lengths, the first without end
+    acting : (m,) [s] lengths as `before_step` is told, infinite where loads are to have lasted
+    x : (m, n, 3) [m] at the ends;  swelling : (m,) stretch of the stress-free shape
+    at : (k,) numbers of the steps asked for, increasing
+    """
+
+    t: np.ndarray
+    dt: np.ndarray
+    acting: np.ndarray
+    x: np.ndarray
+    swelling: np.ndarray
+    at: np.ndarray

@@ -1,16 +1,21 @@
 """Pads off their zeros in tissue that changes: columns against full runs of the shifted path."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from arm_brachy.devices.terms.optical_scale import OpticalScale
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.observables import KINDS, Measured, Observables, channels_of
+from arm_brachy.diagnosis.off_zero import matters, otherwise
 from arm_brachy.diagnosis.preload import preload
 from arm_brachy.diagnosis.recording_fit import Data
+from arm_brachy.tissue.terms.base_compliance import BaseCompliance
 from arm_brachy.tissue.terms.base_debond import BaseDebond
+from arm_brachy.tissue.terms.compressibility import Compressibility
 from arm_brachy.tissue.terms.inclusion import Inclusion
 from arm_brachy.tissue.terms.stiffness_drift import StiffnessDrift
 from arm_brachy.tissue.terms.stress_softening import StressSoftening
@@ -97,3 +102,44 @@ def test_a_recording_that_ends_before_anything_changes_has_as_many_columns(data)
     changing = preload(data, (StiffnessDrift(rate=0.01, onset=1.0),), TOUCH)
     still = preload(data, (drift,), TOUCH)
     assert still.shape == changing.shape and changing.any() and not still.any()
+
+
+@pytest.mark.parametrize('term', [Compressibility(factor=0.3), BaseCompliance(normal=2e5),
+                                  Inclusion(centre=(0.02, 0.01, 0.03), radius=0.012, ratio=8.0)],
+                         ids=lambda term: term.spec.name)
+def test_another_body_bears_a_pad_off_its_zero_otherwise(data, term):
+    """At rest too, where the term itself does nothing."""
+    column, whiten = otherwise(data, (term,), TOUCH)[:, PAD], data.observables.whiten_shift
+    full = whiten(shifted(data, (term,))) - whiten(shifted(data, ()))
+    rows = data.observables.rows
+    for kind in KINDS:
+        mine = np.array([row.kind == kind for row in rows])
+        assert np.linalg.norm(column[mine] - full[mine]) < 0.15 * np.linalg.norm(full[mine])
+    assert np.abs(column[data.observables.states == 0]).max() > 0.1 * np.abs(column).max()
+
+
+def test_memories_and_sensors_are_left_to_others(data):
+    for term in (StressSoftening(damage=0.4, energy=30.0), OpticalScale(scale=0.01)):
+        assert not otherwise(data, (term,), TOUCH).any()
+
+
+def test_it_matters_where_a_strong_cause_meets_a_pad_far_off_its_zero(data):
+    """An effect of 20 sd, a pad off by a twelfth of its way: (20 / 12)^2 / 2 nats of density."""
+    rng = np.random.default_rng(1)
+    U = 1e3 * unit(rng.normal(size=200))[:, None]       # of TOUCH: as good as measured
+    effect, travel = unit(rng.normal(size=200)), np.abs(data.encoder.q).max()
+
+    def asked(off, size):
+        left = off / TOUCH * U[:, 0]
+        one = SimpleNamespace(U=U, own=np.array([True]), encoder=data.encoder,
+                              baseline=SimpleNamespace(shown=None),
+                              residual=lambda shown: left + size * effect)
+        return matters([one], [left], [np.array([True])], TOUCH)
+
+    assert asked(travel / 12.0, 20.0)
+    assert not asked(travel / 30.0, 20.0)
+    assert not asked(travel / 12.0, 4.0)
+
+
+def unit(v):
+    return v / np.linalg.norm(v)

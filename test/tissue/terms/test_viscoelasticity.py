@@ -7,7 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from arm_brachy.core.errors import ConfigError
-from arm_brachy.tissue.body import Fibres, Pad, SoftBody, StepFields, TetMesh
+from arm_brachy.core.term import BodyTerm
+from arm_brachy.tissue.body import Fibres, Pad, SoftBody, StepFields, Steps, TetMesh
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.material import moduli, stress
 from arm_brachy.tissue.simulator import TissueSimulator
@@ -180,3 +181,23 @@ def test_release_recovers_slowly():
 def test_nothing_elastic_left_is_refused():
     with pytest.raises(ConfigError, match='g1 \\+ g2 = 1.1'):
         Viscoelasticity(g1=0.6, g2=0.5)
+
+
+@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('lasting', [False, True], ids=['as it goes', 'lasting'])
+def test_weighing_positions_that_return_is_stepping_through_them(law, lasting):
+    """Sixty steps between five places, swollen from the middle on, of which some are asked for."""
+    rng, body = np.random.default_rng(4), one_element(law)
+    places = np.stack([stretched(s) for s in (1.0, 1.1, 1.25, 0.9, 1.4)])
+    dt = np.append(np.inf, rng.uniform(0.02, 6.0, 59))
+    steps = Steps(np.cumsum(np.append(0.0, dt[1:])), dt, np.full(60, np.inf) if lasting else dt,
+                  places[rng.integers(0, 5, 60)], np.where(np.arange(60) < 30, 1.0, 1.02),
+                  np.array([0, 1, 7, 31, 55]))
+    ways = []
+    for carried in (BodyTerm.carried, Viscoelasticity.carried):
+        ways.append([StepFields.of(body) for _ in steps.at])
+        carried(TERM, body, steps, ways[-1])
+    for stepped, weighed in zip(*ways, strict=True):
+        np.testing.assert_allclose(weighed.stress, stepped.stress, rtol=1e-10, atol=1e-9 * MU)
+        np.testing.assert_allclose(weighed.mu, stepped.mu, rtol=1e-14)
+    assert (np.abs(ways[0][2].stress).max() > 0.01 * MU) != lasting
