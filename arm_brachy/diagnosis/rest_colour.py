@@ -18,7 +18,8 @@ from scipy.special import expit, logit
 from arm_brachy.diagnosis.colour import SIGNIFICANT, Colour
 
 LONGEST_MEMORY = 2.0    # s of noise that is told from the tissue's past by its time alone
-LONGEST_SLOW = 12.0     # s, where channels have it independently of each other
+LONGEST_SLOW = 12.0     # s, where channels have it independently of each other, or it is faint:
+FAINT = 0.25            # of the variance, in the middle one of few channels
 PART = 0.25             # of the time from the first rest to the last: a longer memory is a drift
 FEWEST_RESTS, FEWEST_CHANNELS = 5, 6     # of them, for their means to tell noise from the past
 IN_COMMON = 0.5         # that squared correlations may exceed those of noise by, relative, where
@@ -29,7 +30,8 @@ TIMES = 7               # memories, first guesses, from SHORTEST sampling period
 SHORTEST = 3.0
 LOOSE, TRIES = 0.01, 80     # of logarithms, evaluations of the search
 SURE = 0.5 * SIGNIFICANT**2     # log likelihood that a number more has to gain
-HELD = 0.5              # that a channel may lose within rests by what is found between them
+HELD = 0.5              # that a channel may lose within rests by what is found between them, SURE
+                        # that all may
 MOST_SAMPLES = 20_000   # of a channel; of longer rests the beginnings count
 
 
@@ -46,12 +48,18 @@ def over_rests(stream, rests):
     number = np.searchsorted([end for _, end in rests], t, side='right')
     between, within = (_Likelihood(t, y, valid, stream.period, one)
                        for one in (np.zeros_like(number), number))
-    colour, gain = between.likeliest()
-    if gain < SURE or not _is_noise(colour, stream, rests):
+    means = _means(stream, rests)
+    colour, gain = between.likeliest(_longest(rests) if _few(means) else np.inf)
+    if gain < SURE or not _is_noise(colour, stream, rests, means):
         return None
-    if within.likeliest()[1] - within.gain(colour) > HELD * y.shape[1]:
+    if within.likeliest()[1] - within.gain(colour) > max(HELD * y.shape[1], SURE):
         return None
     return colour, 1.0 / (1.0 - float(colour.correlation(stream.period)))
+
+
+def _longest(rests):
+    """[s] memory that is no drift yet."""
+    return min(LONGEST_SLOW, PART * (rests[-1][1] - rests[0][0]))
 
 
 def _kept(t, rests):
@@ -89,15 +97,16 @@ class _Likelihood:
         middle = gains[aside:len(gains) - aside]
         return float(len(gains) * middle.mean()) if len(middle) else 0.0
 
-    def likeliest(self):
-        """(Colour, gain) of the likeliest."""
+    def likeliest(self, longest=np.inf):
+        """(Colour, gain) of the likeliest with a memory of `longest` [s] at most."""
         def cost(point):
             return -self.gain(_colour(point))
 
-        guesses = [(logit(share), time) for share in SHARES
-                   for time in np.linspace(*self._span, TIMES)]
+        first, last = self._span
+        span = first, max(min(last, np.log(longest)), first)
+        guesses = [(logit(share), time) for share in SHARES for time in np.linspace(*span, TIMES)]
         found = minimize(cost, min(guesses, key=cost), method='Nelder-Mead',
-                         bounds=[(-8.0, 8.0), tuple(self._span)],
+                         bounds=[(-8.0, 8.0), span],
                          options={'maxfev': TRIES, 'xatol': LOOSE, 'fatol': LOOSE})
         return _colour(found.x), -float(found.fun)
 
@@ -145,30 +154,42 @@ def _costs(t, y, valid, number, share, time):
     return out
 
 
-def _is_noise(colour, stream, rests):
+def _is_noise(colour, stream, rests, means):
     """True if what has a Colour between rests is no drift and not the tissue's past.
 
-    Noise is every channel's own, while tissue that remembers, a frame or a base that moves shows
-    in many. Squared correlations of their means are 1 / n on average where they have nothing in
-    common, n being the number of independent rests less one (Bartlett 1935, J R Stat Soc 98:536),
-    with a variance of 2 (n - 1) / (n + 2) times the square of that. Axes of one channel may have
-    noise in common.
-    Where rests or channels are too few to tell, what lasts for LONGEST_MEMORY is taken for them.
+    means : of `_means`. Noise is every channel's own, while tissue that remembers, a frame or a
+    base that moves shows in many. Squared correlations of their means are 1 / n on average where
+    they have nothing in common, n being the number of independent rests less one (Bartlett 1935,
+    J R Stat Soc 98:536), with a variance of 2 (n - 1) / (n + 2) times the square of that. Axes of
+    one channel may have noise in common.
+    Where rests or channels are too few to tell, what lasts for LONGEST_MEMORY is taken for noise,
+    and what is FAINT: better nothing is said of a past that is no more than that.
     """
-    time = colour.time
-    if time >= min(LONGEST_SLOW, PART * (rests[-1][1] - rests[0][0])):
+    if _few(means):
+        return colour.time < LONGEST_MEMORY or colour.share <= FAINT
+    if colour.time >= _longest(rests):
         return False
-    means, channel, spans = _means(stream, rests)
-    if len(means) < FEWEST_RESTS or means.shape[1] < FEWEST_CHANNELS:
-        return time < LONGEST_MEMORY
-    unit, (i, j) = means / np.linalg.norm(means, axis=0), np.triu_indices(means.shape[1], 1)
-    other = channel[i] != channel[j]
-    if not other.any():
-        return time < LONGEST_MEMORY
+    means, channel, spans = means
+    unit = means / np.linalg.norm(means, axis=0)
+    i, j = _pairs(channel)
     independent = _independent(colour, stream, spans)
-    alike = (unit.T @ unit)[i[other], j[other]]**2 * independent
+    alike = (unit.T @ unit)[i, j]**2 * independent
     error = np.sqrt(2.0 * max(independent - 1.0, 0.0) / (independent + 2.0) / len(alike))
     return alike.mean() < 1.0 + max(IN_COMMON, SIGNIFICANT * error)
+
+
+def _few(means):
+    """True if rests or channels of `_means` are too few to tell what channels have in common."""
+    values, channel, _ = means
+    return (len(values) < FEWEST_RESTS or values.shape[1] < FEWEST_CHANNELS
+            or not len(_pairs(channel)[0]))
+
+
+def _pairs(channel):
+    """(i, j) numbers of series that are of different channels; channel : (c,) of each."""
+    i, j = np.triu_indices(len(channel), 1)
+    other = channel[i] != channel[j]
+    return i[other], j[other]
 
 
 def _independent(colour, stream, spans):

@@ -1,5 +1,7 @@
 """Noise with a memory longer than any rest, found between rests; what is none is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -130,6 +132,32 @@ def test_white_noise_stays_white(noise):
     white = draws(4, 'white').standard_normal(noise.shape)
     found = over_rests(recorded(RESTS, white), RESTS)
     assert found is None or found[0].share < 0.05
+
+
+def along_one_axis(noise):
+    """Three load cells of one axis each."""
+    whole = recorded(FEW, noise)
+    return replace(whole, names=tuple('abc'), values=whole.values[:, :3, :1], bodies=tuple('abc'),
+                   valid=whole.valid[:, :3], rest=np.zeros((3, 1)))
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_of_few_cells_a_faint_memory_is_noise(seed):
+    """No three cells tell noise of 8 s from what the tissue remembers; it may be either."""
+    faint = noise_of(Colour(0.06, 8.0), 9200, draws(seed, 'cells'))
+    colour, _ = over_rests(along_one_axis(faint), FEW)
+    assert 0.02 < colour.share < 0.15
+    assert 3.0 < colour.time <= rest_colour.LONGEST_SLOW
+
+
+def test_of_few_cells_a_drift_and_a_past_that_are_loud_are_no_noise():
+    rng = draws(8, 'cells')
+    white, t = SD * rng.standard_normal((9200, 12)), PERIOD * np.arange(9200)[:, None]
+    drift = np.where(np.arange(12) == 0, 0.01, 0.0) * t
+    found = over_rests(along_one_axis(white + drift), FEW)
+    assert found is None or found[0].share < 0.05
+    since = np.mod(t, 8.0)      # a push has ended when a rest begins
+    assert over_rests(along_one_axis(white + 3.0 * SD * np.exp(-since / 4.0)), FEW) is None
 
 
 def test_of_hours_of_rest_every_rest_counts_with_its_beginning():
