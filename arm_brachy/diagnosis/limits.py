@@ -23,7 +23,8 @@ def limits_of(assembly):
     """statements.Limit of every cause tried in an assembly.Assembly, the smallest first; a tuple.
 
     Of several parameters the one that shows first, at a place (or actuator, ...) that half of
-    those tried do no better than. What shows from FAR typical sizes only is left out.
+    those tried do no better than. What shows from FAR typical sizes only is left out, and what
+    only sizes that the parameter cannot have would show.
     """
     tried, problem = assembly.tried.hypotheses, assembly.problem
     if not tried:
@@ -39,12 +40,15 @@ def limits_of(assembly):
         of_cause[hypothesis.name].append((float(needed[k]), k, hypothesis))
     halfway = {name: sorted(some, key=lambda one: one[0])[len(some) // 2]
                for name, some in of_cause.items()}
-    return tuple(_limit(*halfway[name]) for name in sorted(halfway, key=lambda n: halfway[n][0])
-                 if halfway[name][0] <= FAR)
+    near = sorted((one for one in halfway.values() if one[0] <= FAR), key=lambda one: one[0])
+    return tuple(limit for one in near for limit in _limit(*one))
 
 
 def _limit(typical_sizes, k, hypothesis):
+    """The Limit, () where the parameter may not have such a value."""
     strength = hypothesis.strengths[k]
     info = quantities(hypothesis.cls)[strength.name]
-    return Limit(hypothesis.name, strength.label, UNITS[info.unit][1],
-                 strength.value(typical_sizes) / info.scale, typical_sizes)
+    value = strength.value(typical_sizes) / info.scale
+    if not info.allows(value):
+        return ()
+    return (Limit(hypothesis.name, strength.label, UNITS[info.unit][1], value, typical_sizes),)

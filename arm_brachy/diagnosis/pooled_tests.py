@@ -32,7 +32,8 @@ class Past:
     """What a pooled test looks for: something that goes with a history of the pushes.
 
     history : which;  pad : name of the pad whose pushes that is of, '' = of time
-    moved : name of the pad that would go elsewhere, '' = tissue of a region would be stiffer, with
+    moved : name of the pad that would go elsewhere, or sensor : of that whose force sensor would
+        read more, or both '' = tissue of a region would be stiffer, with
     aside : True if it would go across its push
     centre : (3,) [m] its middle at rest;  radius : [m] around that, of most of it
     """
@@ -40,6 +41,7 @@ class Past:
     history: str
     pad: str = ''
     moved: str = ''
+    sensor: str = ''
     aside: bool = False
     centre: tuple | None = None
     radius: float | None = None
@@ -49,8 +51,9 @@ class Past:
         """A sentence on what stands out if this does."""
         goes = f'the {self.history} of the pushes of {self.pad}' if self.pad else 'time'
         way = 'aside' if self.aside else 'along'
-        what = f'how far {self.moved} takes the tissue {way}' if self.moved else (
-            'the stiffness there')
+        what = (f'how far {self.moved} takes the tissue {way}' if self.moved else
+                f'what the force sensor of {self.sensor} reads' if self.sensor else
+                'the stiffness there')
         return (f'What stands out most goes with {goes}, as if {what} depended on it. A law or a '
                 'mesh that is wrong would go with where the pads are now.')
 
@@ -63,9 +66,13 @@ def pooled_tests(matched, parts):
     pads, pasts = matched[0].baseline.model.specimen.pads, [_histories(m) for m in matched]
     every = list(dict.fromkeys(name for past in pasts for name in past))
     columns, labels = [np.zeros((sum(len(o.rows) for o, _ in parts), 0))], []
-    for where, effects in (*_pads_moved(matched), *_regions_stiffer(matched)):
-        mine = pads.index(where['moved']) if 'moved' in where else None
-        names = [(history, pad) for history, pad in every if pad == mine or history not in WORKS]
+    for where, effects in (*_pads_moved(matched), *_sensors_off(matched),
+                           *_regions_stiffer(matched)):
+        mine = next((pads.index(where[key]) for key in ('moved', 'sensor') if key in where), None)
+        names = [(history, pad) for history, pad in every if pad == mine or (
+            history not in WORKS and 'sensor' not in where)]
+        if not names:       # the sensor of a pad that never pushes
+            continue
         columns.append(np.vstack([
             _in_proportion(effect, past, names, *part)
             for effect, past, part in zip(effects, pasts, parts, strict=True)]))
@@ -117,6 +124,20 @@ def _pads_moved(matched):
             yield {'moved': name, 'aside': k > 0}, [_stacked(
                 [m.baseline.pads_shifted(state, pads) for state in range(len(m.baseline.t))])
                 for m in matched]
+
+
+def _sensors_off(matched):
+    """The same of every pad's force sensor, along its push."""
+    model = matched[0].baseline.model
+    for i, name in enumerate(model.specimen.pads):
+        yield {'sensor': name}, [_reads_more(m.baseline, i) for m in matched]
+
+
+def _reads_more(baseline, i):
+    """Effect of 1 N more of the tissue on the sensor of pad i."""
+    more = {kind: np.zeros_like(shown) for kind, shown in baseline.shown.items()}
+    more[FORCE][:, i] = -baseline.model.directions[i]
+    return more
 
 
 def _regions_stiffer(matched):

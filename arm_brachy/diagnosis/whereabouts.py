@@ -7,6 +7,7 @@ from arm_brachy.core.term import Kind
 from arm_brachy.diagnosis.pad_turn_tests import Turn
 from arm_brachy.diagnosis.pooled_tests import Past
 from arm_brachy.diagnosis.statements import Place
+from arm_brachy.diagnosis.stream import FORCE
 
 SHARE = 0.9
 BOUNDARIES = {'base_debond': 'base', 'base_compliance': 'base', 'breathing': 'base',
@@ -61,6 +62,8 @@ def places_of_test(label):
     if not isinstance(label, Past):
         (kind, channel, _), _ = label
         return (Place(stream=kind, channel=channel),)
+    if label.sensor:
+        return (Place(stream=FORCE, channel=label.sensor),)
     pads = tuple(Place(actuator=name) for name in dict.fromkeys((label.moved, label.pad)) if name)
     if label.centre is None:
         return pads

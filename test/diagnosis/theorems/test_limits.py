@@ -46,11 +46,11 @@ def made_at_limit(lab, path, hypothesis):
     return limit, detectability(matched.U, effect)[0]
 
 
-def made_up(lengths, spread=1.0):
+def made_up(lengths, spread=1.0, cause='actuator_gain', name='gain', neutral=0.0, per_size=0.05):
     """An assembly of one cause at places where its response has these lengths [sd]."""
-    strength = SimpleNamespace(name='gain', label='gain', spread=spread,
-                               value=lambda amplitude: 0.05 * amplitude)
-    hypotheses = [SimpleNamespace(name='actuator_gain', cls=by_name('actuator_gain'),
+    strength = SimpleNamespace(name=name, label=name, spread=spread,
+                               value=lambda amplitude: neutral + per_size * amplitude)
+    hypotheses = [SimpleNamespace(name=cause, cls=by_name(cause),
                                   strengths=(strength,)) for _ in lengths]
     explanations = [SimpleNamespace(columns=length * np.eye(50)[:, :1]) for length in lengths]
     return SimpleNamespace(tried=SimpleNamespace(hypotheses=hypotheses), problem=SimpleNamespace(
@@ -71,3 +71,10 @@ def test_a_wide_prior_makes_nothing_easier_to_see():
 def test_what_would_have_to_be_larger_than_anything_is_left_out():
     assert limits_of(made_up([0.4])) == () == limits_of(made_up([0.0]))
     assert len(limits_of(made_up([0.6]))) == 1
+
+
+def test_what_would_have_to_be_more_than_the_parameter_can_is_left_out():
+    """A bulk modulus of no size, by a response to 0.3 of it of four standard deviations."""
+    kappa = {'cause': 'compressibility', 'name': 'factor', 'neutral': 1.0, 'per_size': -0.7}
+    assert limits_of(made_up([4.0], **kappa))[0].value == pytest.approx(1.0 - 0.7 * SHOWS / 4.0)
+    assert limits_of(made_up([3.0], **kappa)) == ()

@@ -108,6 +108,26 @@ def test_an_arm_that_bends_as_its_motor_warms_shows_as_its_pad_aside(breast, thr
     assert 'pad_1 takes the tissue aside' in worst.said
 
 
+def test_a_seal_that_rubs_shows_in_what_its_force_sensor_reads(breast, thrice):
+    """Between sensor and pad; the tissue knows nothing of it (Dahl 1968; turned in 0.1 mm)."""
+    recorded, friction = breast.record(thrice), [0.0]
+    for step in np.diff(thrice.q[:, 0]):
+        way = np.sign(step)
+        friction.append(way + (friction[-1] - way) * np.exp(-abs(step) / 1e-4))
+    force = recorded.streams[FORCE]
+    values, pad = force.values.copy(), force.names.index('pad_1')
+    values[:, pad] -= 0.1 * np.interp(force.t, thrice.t, friction)[:, None] * (
+        ForwardModel(breast.specimen).directions[0])
+    matched = breast.beside(replace(recorded, streams=recorded.streams | {
+        FORCE: replace(force, values=values)}))
+    found, labels = scanned(matched)
+    worst = labels[found.worst]
+    assert found.chance < 1e-3 and isinstance(worst, Past)
+    assert worst.sensor == worst.pad == 'pad_1'
+    assert [(p.stream, p.channel) for p in places_of_test(worst)] == [(FORCE, 'pad_1')]
+    assert 'the force sensor of pad_1 reads' in worst.said
+
+
 def test_where_nothing_is_missing_no_past_stands_out(breast, thrice):
     found, labels = scanned(breast.watch(thrice))
     assert found.chance > 0.05
