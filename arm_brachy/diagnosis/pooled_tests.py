@@ -54,8 +54,9 @@ class Past:
         what = (f'how far {self.moved} takes the tissue {way}' if self.moved else
                 f'what the force sensor of {self.sensor} reads' if self.sensor else
                 'the stiffness there')
-        return (f'What stands out most goes with {goes}, as if {what} depended on it. A law or a '
-                'mesh that is wrong would go with where the pads are now.')
+        often = ' (a guide that rubs and a cell that creeps do)' if self.sensor else ''
+        return (f'What stands out most goes with {goes}, as if {what} depended on it{often}. A '
+                'law or a mesh that is wrong would go with where the pads are now.')
 
 
 def pooled_tests(matched, parts):
