@@ -1,5 +1,7 @@
 """Pad forces where they should be none: zero of the sensors, and its drift."""
 
+from itertools import product
+
 import numpy as np
 
 from arm_brachy.diagnosis.finding import Finding, sigma, threshold
@@ -17,9 +19,10 @@ def force_findings(prepared, jumps=()):
 
     jumps : times [s] of sudden events, after which the force at rest may be another
     The mean force of every rest is fitted by a zero, a drift and, if that is asked for, by what
-    the tissue under this pad remembers of its pushes, so that recovery is no drift. The scatter of
-    the rests about the fit, pooled over the pads, counts as noise: sensors wander from rest to
-    rest by more than they do within one.
+    the tissue under this pad remembers of its pushes, so that recovery is no drift, or by what its
+    first push has left for good (a guide that rubs, a bond that has bedded in), or both. The
+    scatter of the rests about the fit, pooled over the pads, counts as noise: sensors wander from
+    rest to rest by more than they do within one.
     Test: diagnosis/structural/test_force.py
     """
     force = prepared.evidence.get(FORCE)
@@ -94,8 +97,10 @@ def _fit(prepared, force, k, rests, t, jumps):
     fixed = [np.ones(len(seen)), t[seen] - force.t[0]]
     fixed += [(t[seen] >= time).astype(float) for time in jumps]
     best = None
-    for extra in [[], *([column] for column in _recovery(prepared, force, k, rests, seen))]:
-        X = np.stack([*fixed, *extra], axis=1)
+    for recovery, begun in product(
+            [(), *((one,) for one in _recovery(prepared, force, k, rests, seen))],
+            [(), _begun(prepared, force, k, t[seen])]):
+        X = np.stack([*fixed, *recovery, *begun], axis=1)
         if np.linalg.matrix_rank(X) < X.shape[1] or len(seen) <= X.shape[1] + 1:
             continue
         covariance = np.linalg.inv(X.T @ X)
@@ -110,14 +115,28 @@ def _fit(prepared, force, k, rests, t, jumps):
 
 def _recovery(prepared, force, k, rests, seen):
     """Mean over every rest of what is remembered of this pad's push, one column per memory."""
-    (tt, q), names = prepared.travel, prepared.evidence.get(ENCODER).names
-    if force.names[k] not in names:
+    t, push = _push(prepared, force.names[k])
+    if np.ptp(push) <= prepared.motion.touch:
         return []
-    u = q[:, [names.index(force.names[k])]]
-    if np.ptp(u) <= prepared.motion.touch:
-        return []
-    past = [memories(force.t, tt, u / np.ptp(u), time)[:, 0] for time in MEMORIES[1:]]
+    past = [memories(force.t, t, push[:, None] / np.ptp(push), time)[:, 0]
+            for time in MEMORIES[1:]]
     return [np.array([column[rests[i]].mean() for i in seen]) for column in past]
+
+
+def _begun(prepared, force, k, t):
+    """(r,) 1 at rests t (r,) after this pad's first push, in a tuple; () where that is no step."""
+    times, push = _push(prepared, force.names[k])
+    pushed = np.abs(push - push[0]) > prepared.motion.touch
+    if not pushed.any():
+        return ()
+    after = (t > times[pushed.argmax()]).astype(float)
+    return (after,) if np.ptp(after) else ()
+
+
+def _push(prepared, pad):
+    """(t (n,) [s], travel (n,) [m]) of a pad; none where it has no encoder."""
+    (t, q), names = prepared.travel, prepared.evidence.get(ENCODER).names
+    return t, q[:, names.index(pad)] if pad in names else np.zeros(len(t))
 
 
 def _scatter(fits):

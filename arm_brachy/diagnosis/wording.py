@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+ROUNDING = 1e-9     # of the largest component of a vector
+
 
 def spoken(term):
     """A term's or a pair's registry name as it is spoken."""
@@ -41,9 +43,10 @@ def ends(value, low, high):
 
 
 def _parts(value, low, high):
-    """(value, low, high) as texts, per component."""
-    return [figures((v, a, b), b - a)
-            for v, a, b in zip(*(np.atleast_1d(x) for x in (value, low, high)), strict=True)]
+    """(value, low, high) as texts, per component; zero where it is that but for rounding."""
+    parts = np.stack([np.atleast_1d(x) for x in (value, low, high)]).astype(float)
+    parts[np.abs(parts) <= ROUNDING * np.abs(parts[0]).max()] = 0.0
+    return [figures((v, a, b), b - a) for v, a, b in parts.T.tolist()]
 
 
 def _joined(texts, value):

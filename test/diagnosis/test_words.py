@@ -161,6 +161,11 @@ def test_figures_have_two_digits_of_the_interval():
     assert wording.figures((0.0, 0.0)) == ('0.0', '0.0')
 
 
+def test_what_is_zero_but_for_rounding_is_zero():
+    bias = (8.3e-17, 0.0, -0.078)
+    assert wording.amount('N', bias, bias, bias) == '(0.0, 0.0, -0.078) N'
+
+
 @pytest.mark.parametrize('chance, said', [(1.0, 'above 99.9 %'), (0.9993, 'above 99.9 %'),
                                           (0.994, '99.4 %'), (0.57, '57 %'), (0.004, '0.4 %'),
                                           (0.0, 'below 0.1 %')])

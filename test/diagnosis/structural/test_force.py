@@ -73,6 +73,17 @@ def test_recovery_of_the_tissue_is_no_drift(record, relaxing):
     assert force_findings(prepare(evidence_of(run, scene))) == ()
 
 
+def test_what_a_first_push_leaves_for_good_is_no_drift(record):
+    """A guide that rubs: 0.15 N the one way until its pad is first pushed, the other way since."""
+    run, scene = record()
+    pushed = run.encoder.values[:, 2] > 1e-3
+    since = run.force.t > run.encoder.t[pushed.argmax()]
+    values = run.force.values.copy()
+    values[since, 2, 0] += 0.15
+    stepped = replace(run, force=Series(run.force.t, values))
+    assert force_findings(prepare(evidence_of(stepped, scene))) == ()
+
+
 def with_balance(run, gains=(1.0, 1.0, 1.0)):
     """A balance under the base that feels what the true pad forces do, and a weight of 5 N."""
     base = -(run.force.values / np.array(gains)[:, None]).sum(axis=1) + [0.0, 0.0, -5.0]
