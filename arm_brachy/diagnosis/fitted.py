@@ -154,10 +154,11 @@ def _as_found(suspects, data, found):
     """Columns (N, p) of each recording of pads off their zeros in the body as it was found, by
     which these differ from those of the model; () where that is no matter.
     """
-    touch = suspects[0].recorded.prepared.calibration.touch
-    which = [np.pad([name.startswith(TOUCH) for name in m.nuisances.names if name != MODULUS],
-                    (0, one.U.shape[1] - np.sum(np.array(m.nuisances.names) != MODULUS)))
-             for m, one in zip(suspects, data, strict=True)]
+    touch, which = suspects[0].recorded.prepared.calibration.touch, []
+    for m, one in zip(suspects, data, strict=True):
+        names = [name for name in m.nuisances.names if name != MODULUS]     # `back` follows them
+        which.append(np.pad([name.startswith(TOUCH) for name in names],
+                            (0, one.U.shape[1] - len(names))))
     if not matters(data, found.residual, which, touch):
         return ()
     return tuple(otherwise(one, found.terms, touch) for one in data)

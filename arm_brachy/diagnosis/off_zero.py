@@ -38,8 +38,9 @@ def otherwise(data, terms, touch):
     """Return columns (N, p): what terms change of the answer to each pad `touch` [m] off zero.
 
     data : recording_fit.Data with its baseline;  terms : as found, of all hypotheses
-    Zero of terms with memory (`preload` has those), of pads that come loose (`standing_back`) and
-    where no term is in the body. Raises NotConverged where a state is not found.
+    Zero beside terms with memory (`preload` has what these change, nothing has what a cause
+    without memory beside them does), of pads that come loose (`standing_back`) and where no term
+    is in the body. Raises NotConverged where a state is not found.
     """
     terms = data.present(terms)
     model = ForwardModel(data.specimen, (*data.terms, *terms), options=STATICS)

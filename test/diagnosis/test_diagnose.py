@@ -163,6 +163,23 @@ def test_the_weight_of_a_body_is_no_fault_of_its_force_sensors(scene, zeroed):
     assert any('zeroed under it' in note for note in d.notes) == zeroed
 
 
+def test_a_pad_off_its_zero_presses_the_body_that_was_found(scene):
+    """By half a millimetre, in tissue a fifth as stiff in volume: markers rest elsewhere."""
+    specimen, path = specimen_of(scene), path_of(PUSHES[:4])
+    off = np.array([0.0, -5e-4, 0.0, 0.0])
+
+    def run(entries, seed, name):
+        model = ForwardModel(specimen, parse_terms(entries, 'test'))
+        found = model.predict(replace(path, q=path.q + off), path.t)
+        return seen(name, specimen, path, found.get, seed)
+
+    d = diagnose((run(({'name': 'compressibility', 'factor': 0.2},), 1, 'softer'),), source(),
+                 null=(run((), 2, 'sound'),), meshes=MESHES).diagnosis
+    cause, = d.causes
+    assert d.verdict == 'named' and d.chance > 0.05
+    assert cause.parameters['factor'].value == pytest.approx(0.2, rel=0.05)
+
+
 def test_stiffening_is_named_with_its_size(stiffening):
     d = stiffening.diagnosis
     assert d.verdict == 'named'
