@@ -265,6 +265,8 @@ class Judge:
             pair = self._pair_beyond(tried, ranked)
             if pair is not None:
                 tried, left = pair, self._check(pair)
+        else:
+            tried, left = self._certain_pair(tried, ranked) or (tried, left)
         if tried is None or left.chance < self.rules.alarm:
             return Decision('unexplained', None, (), ranked, left, before, nearest=tried)
         equals = self._equals(tried, [one for one in ranked if one.causes not in refuted])
@@ -351,10 +353,16 @@ class Judge:
         """True if a Candidate stands out, from no cause or from the one in `over`."""
         evidence = one.evidence - (over.evidence if over else 0.0)
         held_out = one.held_out - (over.held_out if over else 0.0)
+        return self._certain(one, over) or (
+            evidence >= self.rules.evidence and held_out >= self.rules.held_out)
+
+    def _certain(self, one, over=None):
+        """True if a Candidate stands out by so much that kinds held out need not show it."""
+        evidence = one.evidence - (over.evidence if over else 0.0)
+        held_out = one.held_out - (over.held_out if over else 0.0)
         lost = max(-held_out, 0.0)
-        if evidence - lost >= self.rules.certain and lost <= self.rules.gainsaid * evidence:
-            return True
-        return evidence >= self.rules.evidence and held_out >= self.rules.held_out
+        return (evidence - lost >= self.rules.certain
+                and lost <= self.rules.gainsaid * evidence)
 
     def _accounts(self, one, over=None):
         """True if a Candidate may be what tests see that is missing, though not `_claims`.
@@ -415,28 +423,50 @@ class Judge:
     def _pair_beyond(self, tried, ranked):
         """The pair that stands out from the single cause `tried` (None = none); None if none does.
 
-        By responses, and by full fits as well where that of the single cause settled: what the
-        pair's linear answer gains may be what that of the single one has wrong. And what comes in
-        has to show beside what the single cause's law may have wrong.
+        Where that cause leaves what the tests see.
         """
         pair, lead = self._best_pair(ranked)
-        alone = tried and self._candidate(tried.explanations, tried.paid)
         ahead = tried is not None and lead >= self.rules.rival
 
         def shows(pair, over):
             return self._claims(pair, over) or (ahead and self._accounts(pair, over))
+        return self._pair_showing(pair, tried, shows, self.rules.evidence)
+
+    def _certain_pair(self, tried, ranked):
+        """(The pair that is certain beside `tried`, the Scan of what it leaves); None if none is.
+
+        Where the tests see nothing that `tried` leaves: many weak ones are asked at once, and one
+        cause may bend to much of what two did.
+        """
+        if not tried.weighed:
+            return None
+        pair = self._pair_showing(self._best_pair(ranked)[0], tried, self._certain,
+                                  self.rules.certain)
+        left = pair and self._check(pair)
+        return (pair, left) if left and left.chance >= self.rules.alarm else None
+
+    def _pair_showing(self, pair, tried, shows, added):
+        """A pair (None = none), weighed, if it `shows` over the single cause `tried`; else None.
+
+        By responses, and by full fits as well where that of the single cause settled: what the
+        pair's linear answer gains may be what that of the single one has wrong. And what comes in
+        has to add so much evidence beside what the single cause's law may have wrong.
+        """
+        alone = tried and self._candidate(tried.explanations, tried.paid)
         if pair is None or not shows(pair, alone):
             return None
+        settled = tried is not None and tried.weighed
+        if settled and not self._adds(pair, tried) >= added:
+            return None
         pair = self._weighed(pair)
-        if tried is not None and tried.weighed and not (
-                pair.weighed and shows(pair, tried) and self._adds(pair, tried)):
+        if settled and not (pair.weighed and shows(pair, tried)):
             return None
         return None if self._gone(pair) else pair
 
     def _adds(self, pair, tried):
-        """True if what a pair has more than `tried` shows beside what its law may have wrong."""
+        """Evidence of what a pair has more than `tried`, beside what its law may have wrong."""
         new = tuple(e for e in pair.explanations if e.cause not in tried.causes)
-        return self._beyond(tried, new) >= self.rules.evidence
+        return self._beyond(tried, new)
 
     def _best(self, cause, beside=()):
         """The best Candidate of a cause, alone or beside Candidates of others as they are."""

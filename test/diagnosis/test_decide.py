@@ -320,6 +320,51 @@ def test_a_second_cause_that_a_law_may_have_wrong_is_not_claimed(world):
     assert decision.nearest.causes == first
 
 
+def quiet(one):
+    """Tests that see nothing of what any cause leaves."""
+    return SimpleNamespace(chance=0.5 if one.causes else 0.0)
+
+
+def test_a_second_cause_that_is_certain_is_named_though_no_test_sees_it(world):
+    """A class of single causes was told where one had bent to what two did."""
+    both = world.responses[1] - 0.8 * world.responses[5]
+    decision = world.decide(both, check=quiet, weigh=lambda one: Gain(0.0, 0.0))
+    assert decision.verdict == 'named'
+    assert set(decision.accepted.causes) == {'cause_1', 'cause_5'}
+
+
+def single(one):
+    return len(one.causes) == 1
+
+
+@pytest.mark.parametrize('full', [
+    {'weigh': lambda one: Gain(0.0, 0.0), 'beyond': lambda tried, new: 14.0},
+    {'weigh': lambda one: Gain(0.0, 0.0) if single(one) else Gain(-1e3, -1e3)},
+    {'weigh': lambda one: Gain(0.0, 0.0) if single(one) else None},
+    {'weigh': lambda one: None},
+    {'weigh': lambda one: Gain(0.0, 0.0), 'gone': lambda one: not single(one)},
+    {'weigh': lambda one: Gain(0.0, 0.0),
+     'check': lambda one: SimpleNamespace(chance=0.5 * (len(one.causes) == 1))}],
+    ids=('beside the law', 'in full', 'pair settles', 'single settles', 'something', 'leaves'))
+def test_a_second_cause_that_no_test_sees_has_to_be_certain(world, full):
+    """Beside the law, in full, with a size of its own, and nothing left: else one is as good."""
+    both = world.responses[1] - 0.8 * world.responses[5]
+    decision = world.decide(both, **({'check': quiet} | full))
+    assert single(decision.accepted)
+
+
+def test_a_weak_second_cause_is_named_only_where_a_test_sees_it():
+    """Between what is claimed and what is certain."""
+    def pairs(check):
+        worlds = [World(300 + seed) for seed in range(10)]
+        told = [world.decide(world.responses[1] + 0.3 * world.responses[5], check=check,
+                             weigh=lambda one: Gain(0.0, 0.0)) for world in worlds]
+        return [one.accepted.causes for one in told if one.accepted and not single(one.accepted)]
+    sees = pairs(lambda one: SimpleNamespace(chance=0.5 * (len(one.causes) == 2)))
+    assert len(sees) >= 3 and {'cause_1', 'cause_5'} == set(sees[0])
+    assert not pairs(quiet)
+
+
 def test_what_has_fewer_numbers_is_not_told_by_that_from_what_fits_as_well(world):
     """A lost step is one number, a slip of the marker that shows it three: both stay open."""
     like = Explanation('like', '', 2.5 * world.responses[2][:, None])
