@@ -6,12 +6,14 @@ from math import comb
 
 import numpy as np
 
+from arm_brachy.diagnosis.counts import quantum
 from arm_brachy.diagnosis.stream import ENCODER
 from arm_brachy.evaluation.regimes import TOUCH
 from arm_brachy.evaluation.residuals import MAD_TO_SD
 
 FINENESS = 2e-3        # of the largest travel: what a straight piece may leave out
 NOISE = 6.0            # standard deviations of the encoder that make no corner
+UNRESOLVED = 0.5       # of a count: noise below that is not told from rounding
 ORDERS = (2, 4, 6)     # of differences that tell noise from motion
 MOST_PIECES = 1000
 PUSHED = 0.02          # of the largest travel, but at most regimes.TOUCH
@@ -74,7 +76,8 @@ def motion_of(evidence):
     seen = encoder.valid.all(axis=1)
     t, q = encoder.t[seen], encoder.values[seen, :, 0]
     travel = float(np.ptp(q, axis=0).max())
-    tolerance = max(FINENESS * travel, NOISE * noise_of(q))
+    noise = max(noise_of(q), UNRESOLVED * max(map(quantum, q.T)))
+    tolerance = max(FINENESS * travel, NOISE * noise)
     corners = corners_of(t, q, tolerance)
     return Motion(t[corners], q[corners], tolerance,
                   min(TOUCH, max(2.0 * tolerance, PUSHED * travel)))

@@ -16,6 +16,7 @@ from arm_brachy.diagnosis.colour import (
     pieces,
     variogram,
 )
+from arm_brachy.diagnosis.counts import quantum
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.rest_colour import over_rests
 from arm_brachy.diagnosis.rests import ENOUGH_IDLE, SETTLING, excess, rest_spans
@@ -24,7 +25,6 @@ from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL
 LATER_PART = 0.5     # of a later stretch that is taken: its end, when the tissue has settled
 LEAST_IDLE = 20      # samples of idle below which the data sheet is asked
 SILENT = 1e-3        # of the data sheet's noise: no sensor has less
-ENOUGH_VALUES = 20_000   # to see the counts of a digitised signal
 PRIOR_SAMPLES = 30   # idle samples that the pooled variance of a stream counts for
 STILL_SHARE = 0.2    # of what follows the release of a body without pads: it has come to rest
 
@@ -204,24 +204,6 @@ def _axes(stream, stretches):
     if len(steps) < LEAST_IDLE or not size.all():
         return np.eye(c)
     return square / np.outer(size, size)
-
-
-def quantum(values):
-    """Step between the values that a digitised signal takes; 0 if it is continuous.
-
-    The smallest difference between different values, if at least nine tenths of all differences
-    are whole multiples of it.
-    """
-    levels = np.unique(values[:: max(len(values) // ENOUGH_VALUES, 1)])
-    if len(levels) < 3:
-        return 0.0
-    steps = np.diff(levels)
-    steps = steps[steps > 1e-9 * np.abs(levels).max()]
-    if not len(steps):
-        return 0.0
-    step = float(np.percentile(steps, 1))
-    multiple = steps / step
-    return step if np.mean(np.abs(multiple - np.round(multiple)) < 0.02) >= 0.9 else 0.0
 
 
 def coarsest(stream):

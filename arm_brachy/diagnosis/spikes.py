@@ -7,7 +7,8 @@ Test: diagnosis/structural/test_spikes.py
 
 import numpy as np
 
-from arm_brachy.diagnosis.noise import SILENT, data_sheet_sd, quantum
+from arm_brachy.diagnosis.counts import quantum
+from arm_brachy.diagnosis.noise import SILENT, data_sheet_sd
 
 LONGEST = 2         # successive samples: what lasts longer may have happened
 FAR = 8.0           # times what samples usually miss the line between their neighbours by

@@ -1,10 +1,13 @@
 """The encoders' path as straight pieces."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from arm_brachy.core.random import stream
-from arm_brachy.diagnosis.motion import Motion, corners_of
+from arm_brachy.diagnosis.motion import Motion, corners_of, motion_of
+from arm_brachy.diagnosis.stream import ENCODER
 
 
 def path(t):
@@ -19,6 +22,19 @@ def test_corners_are_found_where_they_are():
     for corner in (1, 2, 3, 4, 5, 5.75):
         assert np.abs(t[corners] - corner).min() <= 0.03
     assert len(corners) <= 10
+
+
+@pytest.mark.parametrize('count', [1e-5, 5e-5])
+def test_counts_that_flicker_are_no_motion(count):
+    """Noise of a third of a count moves most readings by none and some by two."""
+    t = np.arange(0.0, 7.0, 0.01)
+    q = path(t) + count / 3.0 * stream(2, 'counts').standard_normal(len(t))
+    readings = (count * np.round(q / count))[:, None, None]
+    encoder = SimpleNamespace(t=t, values=readings, valid=np.ones((len(t), 1), dtype=bool))
+    motion = motion_of({ENCODER: encoder})
+    spans = [(start, end) for start, end, _ in motion.stills()]
+    assert len(spans) == 4
+    assert np.abs(np.array(spans) - [(0, 1), (2, 3), (4, 5), (5.75, 7)]).max() < 0.25
 
 
 def test_the_path_departs_by_less_than_the_tolerance():

@@ -9,8 +9,9 @@ from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
 from arm_brachy.diagnosis.colour import Colour
+from arm_brachy.diagnosis.counts import quantum
 from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.noise import Noise, data_sheet_sd, noise_of, quantum
+from arm_brachy.diagnosis.noise import Noise, data_sheet_sd, noise_of
 
 
 @pytest.fixture(scope='module')

@@ -134,6 +134,17 @@ def test_pushes_without_a_stand_become_moves_that_stand_as_long_as_a_cell_must(s
     check_moves(moves, scene, actuators, tick, lambda *keys: '.'.join(map(str, keys)))
 
 
+def test_what_leads_nowhere_or_creeps_is_part_of_the_stand_before(sound):
+    """A scenario was refused for a move of 9 um/s, which was noise."""
+    t = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 7.0, 8.0, 9.0])
+    q = 1e-3 * np.array([0.0, 0.0, 5.0, 4.996, 4.99, 5.0, 0.0, 0.0])
+    scene = sound.prepared.evidence.scene
+    motion = Motion(t, np.stack([q, 0.0 * q, 0.0 * q], axis=1), 1e-6, 1e-4)
+    moves = moves_of(motion, scene.pads, ActuatorParams(), 0.05)
+    assert [move.pads[0].position for move in moves] == [5e-3, 0.0]
+    assert [move.hold for move in moves] == pytest.approx([5.0, 1.0])
+
+
 def test_an_effect_of_depth_shows_while_pads_are_in(sound):
     states = sound.states
     depth = states.q.max(axis=1)
