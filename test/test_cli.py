@@ -300,7 +300,8 @@ def test_a_path_is_printed_whole(bag, tmp_path):
 
 @pytest.mark.parametrize(('file', 'key', 'allowed'), [
     ('scene', 'pads[].stroke_mm', '0 to 200 mm'), ('scene', 'fixed.kind', 'half_space'),
-    ('scenario', 'control.mpc.horizon', 'int'), ('scenario', 'plant.nu', '0 to 0.4999')])
+    ('scenario', 'control.mpc.horizon', 'int'), ('scenario', 'plant.nu', '0 to 0.4999'),
+    ('calibration', 'touch_mm', '0 to 10 mm')])
 def test_keys_lists_what_a_file_may_hold(file, key, allowed):
     rows = [line.split('|')[1:5] for line in run('keys', file).stdout.splitlines()]
     found = {row[0].strip(): row[2] for row in rows}

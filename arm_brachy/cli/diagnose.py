@@ -15,13 +15,15 @@ from arm_brachy.cli.output import (
     show_table,
     summary,
 )
-from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.config import load
+from arm_brachy.core.errors import ConfigError, InputError
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis import diagnose as stages
 from arm_brachy.diagnosis import words
 from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
 from arm_brachy.diagnosis.diagnosis import Provenance
 from arm_brachy.diagnosis.evidence import load_evidence, told_apart, zero_of
+from arm_brachy.diagnosis.finding import Calibration
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.page import write_diagnosis
 from arm_brachy.diagnosis.pushes import moves_of
@@ -39,13 +41,16 @@ from arm_brachy.diagnosis.wording import parameter
                    'zeros and modulus may differ; markers should sit where they sat.')
 @click.option('--hold-out', 'held_out', multiple=True, type=click.Path(), metavar='BAG',
               help='A recording to test on, not fitted; may be given several times.')
+@click.option('--calibration', type=click.Path(), metavar='FILE',
+              help='How well your laboratory is calibrated, where otherwise than is taken for '
+                   'granted: `arm-brachy keys calibration`.')
 @click.option('--seed', default=0, show_default=True, type=click.IntRange(0),
               help='Of the random draws in tests and meshes.')
 @click.option('--out', type=click.Path(), metavar='FOLDER',
               help='Of page, JSON and corrected scenario; new or empty. '
                    'Default: runs/diagnosis-<time>.')
 @json_option
-def diagnose(bags, scene, null, held_out, seed, out, json_file):
+def diagnose(bags, scene, null, held_out, calibration, seed, out, json_file):
     """Say where BAGs differ from their model and what physics is missing.
 
     All BAGs are of one body. Kinds of push are held out in turn (or whole recordings, with
@@ -58,6 +63,7 @@ def diagnose(bags, scene, null, held_out, seed, out, json_file):
       arm-brachy diagnose runs/probe/bag --scene config/scenes/breast.yaml
     """
     described = load_scene(scene)
+    calibrated = _calibration(calibration, described)
     every = (*bags, *null, *held_out)
     zero = zero_of(every)
     loaded = told_apart([one for some in (bags, null, held_out)
@@ -67,9 +73,9 @@ def diagnose(bags, scene, null, held_out, seed, out, json_file):
     name = evidences[0].name if len(bags) == 1 else f'{len(bags)} recordings'
     made_by = summary(name, (), seed=seed)
     provenance = Provenance(name, seed, made_by.commit, made_by.machine, str(scene), (),
-                            _typed(bags, scene, null, held_out))
+                            _typed(bags, scene, null, held_out, calibration))
     with new_folder(result_folder(out, 'diagnosis')) as folder:
-        answer = _run(evidences, sound, tested, provenance)
+        answer = _run(evidences, sound, tested, provenance, calibrated)
         found = _corrected(answer.diagnosis, evidences[0], scene, folder)
         write_diagnosis(found, answer.shown, folder / 'diagnosis.html')
         found.to_json(folder / 'diagnosis.json')
@@ -78,13 +84,24 @@ def diagnose(bags, scene, null, held_out, seed, out, json_file):
     _show(found, folder)
 
 
-def _typed(bags, scene, null, held_out):
+def _calibration(path, scene):
+    """The Calibration of a file, None = what is taken for granted."""
+    if path is None:
+        return None
+    if not scene.pads:
+        raise InputError(f'--calibration {path} for scene {scene.name}, which has no pads; must '
+                         'be given for bodies with pads; leave it out')
+    return load(Calibration, path)
+
+
+def _typed(bags, scene, null, held_out, calibration):
     words_ = ['arm-brachy diagnose', *map(str, bags), f'--scene {scene}']
     words_ += [f'--null {bag}' for bag in null]
-    return ' '.join(words_ + [f'--hold-out {bag}' for bag in held_out])
+    words_ += [f'--hold-out {bag}' for bag in held_out]
+    return ' '.join(words_ + ([f'--calibration {calibration}'] if calibration else []))
 
 
-def _run(evidences, sound, tested, provenance):
+def _run(evidences, sound, tested, provenance, calibration):
     """The Answer, under a progress bar."""
     with Progress(SpinnerColumn(), TextColumn('{task.description}'), BarColumn(),
                   TimeElapsedColumn(), console=errors, transient=True) as bar:
@@ -94,7 +111,7 @@ def _run(evidences, sound, tested, provenance):
             bar.update(task, description=step, completed=share)
 
         return stages.diagnose(evidences, provenance, held_out=tested, null=sound,
-                               progress=show)
+                               progress=show, calibration=calibration)
 
 
 def _corrected(found, evidence, scene, folder):

@@ -5,9 +5,10 @@ import click
 from arm_brachy import graph, registry
 from arm_brachy.core.config import key_rows
 from arm_brachy.core.scene import Scene
+from arm_brachy.diagnosis.finding import Calibration
 from arm_brachy.scenario import Scenario
 
-FILES = {'scene': Scene, 'scenario': Scenario}
+FILES = {'scene': Scene, 'scenario': Scenario, 'calibration': Calibration}
 
 
 @click.command()
@@ -39,10 +40,11 @@ def nodes():
 @click.command()
 @click.argument('file', type=click.Choice(list(FILES)))
 def keys(file):
-    """Print the keys of scene and scenario files.
+    """Print the keys of scene, scenario and calibration files.
 
-    Markdown: default, allowed values, meaning. FILE is scene or scenario. In brackets [] is a
-    list item; `required` must be given.
+    Markdown: default, allowed values, meaning. In brackets [] is a list item; `required` must be
+    given. A calibration is for `arm-brachy diagnose`: standard deviations of what a sound
+    laboratory leaves uncalibrated, the defaults where none is given.
 
     \b
     Example:

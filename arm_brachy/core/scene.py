@@ -52,7 +52,7 @@ class PadPatch:
 
     name: str
     centre: tuple = quantity(None, 'mm', 'centre of the disc on the stress-free body, world '
-                             'frame', shape=(3,))
+                             'frame; of a set, the point that moments refer to', shape=(3,))
     direction: tuple = quantity(None, '', 'push direction, into the tissue', shape=(3,))
     radius: float = quantity(8.0, 'mm', 'radius of the disc, across the push: an oblique one '
                              'meets an ellipse', low=0.5, high=200.0)
@@ -74,13 +74,14 @@ class Marker:
     """An optical marker, glued to the tissue surface, a pad or the base (`body`)."""
 
     name: str
-    position: tuple = quantity(None, 'mm', 'on the stress-free body, world frame', shape=(3,))
+    position: tuple = quantity(None, 'mm', 'on the stress-free body, world frame; up to 8 mm '
+                               'off it, it rides on the nearest surface', shape=(3,))
     body: str = word('what it is glued to: tissue, base or the name of a pad', default='tissue')
 
 
 @dataclass(frozen=True)
 class Target:
-    """A point inside the tissue that can carry an EM sensor."""
+    """A point inside the tissue that can carry an EM sensor, the tool of the same name."""
 
     name: str
     position: tuple = quantity(None, 'mm', 'in the stress-free body, world frame', shape=(3,))

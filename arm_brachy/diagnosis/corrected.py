@@ -10,7 +10,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from arm_brachy import registry
 from arm_brachy.core.config import to_mapping
-from arm_brachy.core.errors import InputError
+from arm_brachy.core.errors import ConfigError, InputError
 from arm_brachy.core.quantity import UNITS, quantities
 from arm_brachy.core.scene import Material
 from arm_brachy.diagnosis import wording
@@ -38,7 +38,7 @@ def write_corrected(diagnosis, base, path):
     physics; a term that acts on actuators or sensors acts in the plant alone. A mesh at fault is
     no term and is left to a person.
     Raises InputError if nothing was found, ConfigError if a value lies outside what its term
-    allows.
+    allows: then there is no file.
     Test: diagnosis/test_corrected.py
     """
     causes = [cause for cause in diagnosis.likeliest() if cause.physical]
@@ -51,7 +51,11 @@ def write_corrected(diagnosis, base, path):
     path.write_text(_head(diagnosis), encoding='utf-8')
     with path.open('a', encoding='utf-8') as file:
         _yaml().dump(_commented(_relative(scenario, path.parent), causes, diagnosis), file)
-    load_cell(path)
+    try:
+        load_cell(path)
+    except ConfigError:
+        path.unlink()
+        raise
     return path
 
 

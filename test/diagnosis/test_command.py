@@ -1,12 +1,18 @@
 """The command: what it refuses is told in one line and costs nothing."""
 
+from types import SimpleNamespace
+
 import pytest
 from click.testing import CliRunner
 
+from arm_brachy.cli import diagnose as command
 from arm_brachy.cli import main
+from arm_brachy.core.errors import InputError
 from arm_brachy.core.paths import config_dir
+from arm_brachy.diagnosis.finding import Calibration
 
 SCENE = str(config_dir() / 'scenes' / 'breast.yaml')
+BEAM = str(config_dir() / 'scenes' / 'silicone_beam.yaml')
 
 
 def said(*words):
@@ -20,9 +26,32 @@ def said(*words):
     (('no_such_bag',), "Missing option '--scene'"),
     (('--scene', SCENE), "Missing argument 'BAG...'"),
     (('bag', '--scene', SCENE, '--seed', '-1'), "'--seed': -1 is not in the range x>=0"),
+    (('bag', '--scene', SCENE, '--calibration', 'no.yaml'), 'no.yaml: no such file'),
+    (('bag', '--scene', SCENE, '--calibration', SCENE), "unknown key 'name'"),
+    (('bag', '--scene', BEAM, '--calibration', 'any.yaml'), 'which has no pads'),
 ])
 def test_bad_input_is_one_line(words, told, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, line = said(*words)
     assert code == 2 and told in line and len(line.splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_what_the_laboratory_says_of_itself_reaches_the_diagnosis(tmp_path, monkeypatch):
+    """In its units; what it does not say is taken for granted."""
+    given = {}
+
+    def stop(*_, calibration, **__):
+        given['calibration'] = calibration
+        raise InputError('that is all')
+    monkeypatch.setattr(command.stages, 'diagnose', stop)
+    monkeypatch.setattr(command, 'zero_of', lambda bags: None)
+    monkeypatch.setattr(command, 'load_evidence', lambda *_: [SimpleNamespace(name='one')])
+    monkeypatch.setattr(command, 'told_apart', lambda loaded, bags: loaded)
+    file = tmp_path / 'calibration.yaml'
+    file.write_text('clock_ms: 5\nplacement_mm: 0.8\n', encoding='utf-8')
+    said('bag', '--scene', SCENE, '--out', tmp_path / 'out', '--calibration', file)
+    assert given['calibration'] == Calibration(clock=5e-3, placement=0.8e-3)
+    assert not (tmp_path / 'out').exists()
+    said('bag', '--scene', SCENE, '--out', tmp_path / 'out')
+    assert given['calibration'] is None

@@ -139,6 +139,7 @@ def test_a_value_that_its_term_forbids_is_refused_with_its_line(answers, base, t
     place = r'c\.yaml: .*inclusion:\d+: radius_mm = 200\.0; must be'
     with pytest.raises(ConfigError, match=place):
         write_corrected(replace(answers['named'], causes=wild), base, tmp_path / 'c.yaml')
+    assert not (tmp_path / 'c.yaml').exists()
 
 
 def test_recalibration_alone_is_written(answers, base, tmp_path):
