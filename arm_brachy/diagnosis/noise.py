@@ -20,7 +20,7 @@ from arm_brachy.diagnosis.counts import quantum
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.rest_colour import over_rests
 from arm_brachy.diagnosis.rests import ENOUGH_IDLE, SETTLING, excess, rest_spans
-from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL
+from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE
 
 LATER_PART = 0.5     # of a later stretch that is taken: its end, when the tissue has settled
 LEAST_IDLE = 20      # samples of idle below which the data sheet is asked
@@ -103,7 +103,8 @@ def noise_of(evidence, devices=None, colours=None):
     """
     spans, rests, out = idle_spans(evidence), rest_spans(evidence), {}
     for kind, stream in evidence.streams.items():
-        noise = _noise(stream, spans, rests, devices or {}, (colours or {}).get(kind))
+        noise = _noise(stream, spans, rests, devices or {}, (colours or {}).get(kind),
+                       _witness(evidence) if kind == EM else None)
         out[kind] = replace(noise, doubt=excess(stream, noise, rests), count=coarsest(stream))
     return out
 
@@ -138,8 +139,14 @@ def _fastest(evidence):
     return float(np.clip(stream.t[int(np.argmax(steps))], *evidence.span))
 
 
-def _noise(stream, spans, rests, devices, known):
-    """Noise of a Stream; known : its Colour, None = to be found."""
+def _witness(evidence):
+    """The optical Stream of markers on the tissue, None without."""
+    optical = evidence.get(OPTICAL)
+    return None if optical is None else optical.channels(optical.on(TISSUE))
+
+
+def _noise(stream, spans, rests, devices, known, witness):
+    """Noise of a Stream; known : its Colour, None = to be found;  witness : as `over_rests`."""
     stretches = [piece for start, end, settled in spans for piece in pieces(
         int(np.searchsorted(stream.t, start)), int(np.searchsorted(stream.t, end)), settled)]
     seen = sum(int(stream.valid[s.start:s.stop].any(axis=1).sum()) for s in stretches)
@@ -157,7 +164,7 @@ def _noise(stream, spans, rests, devices, known):
                            'at rest; its noise is taken from the data sheet.')
     short = _shrunk(gamma[0].reshape(k, c), pairs[0].reshape(k, c))
     if known is None:
-        colour, ratio = over_rests(stream, rests) or _pooled_colour(
+        colour, ratio = over_rests(stream, rests, witness) or _pooled_colour(
             gamma, pairs, lags, short.ravel(), stream.period, stretches)
     else:
         colour, ratio = known, 1.0 / (1.0 - known.correlation(stream.period))

@@ -6,7 +6,8 @@ Markov part has a likelihood in closed form, by the Kalman filter, gaps between 
 restricted to what no constant can change (one per channel), since a few rests have their mean
 taken out (Harville 1977, J Am Stat Assoc 72:320). Of the channels the middle third counts: a
 fault, or tissue that recovers under one pad, shows in few of them. What is found has to hold
-within single rests as well, each about a constant of its own.
+within single rests as well, each about a constant of its own. A drift that is faint is a tracker's
+own, as EM trackers wander, where another one sees the body come back.
 Test: diagnosis/structural/test_rest_colour.py
 """
 
@@ -20,6 +21,7 @@ from arm_brachy.diagnosis.colour import SIGNIFICANT, Colour
 LONGEST_MEMORY = 2.0    # s of noise that is told from the tissue's past by its time alone
 LONGEST_SLOW = 12.0     # s, where channels have it independently of each other, or it is faint:
 FAINT = 0.25            # of the variance, in the middle one of few channels
+STEADY = 0.5            # of what the means of rests differ by: the body moved less than that
 PART = 0.25             # of the time from the first rest to the last: a longer memory is a drift
 FEWEST_RESTS, FEWEST_CHANNELS = 5, 6     # of them, for their means to tell noise from the past
 IN_COMMON = 0.5         # that squared correlations may exceed those of noise by, relative, where
@@ -35,11 +37,13 @@ HELD = 0.5              # that a channel may lose within rests by what is found 
 MOST_SAMPLES = 20_000   # of a channel; of longer rests the beginnings count
 
 
-def over_rests(stream, rests):
+def over_rests(stream, rests, witness=None):
     """(Colour, variance over that at the shortest lag) of a Stream at rest; None = not to be told.
 
-    rests : tuples (t_start, t_end) [s], of `rests.rest_spans`. None where the noise is white as
-    far as they tell, or lasts so long that it may be a drift, or the tissue's past.
+    rests : tuples (t_start, t_end) [s], of `rests.rest_spans`
+    witness : Stream of another tracker's points in the same body, None = none
+    None where the noise is white as far as they tell, or lasts so long that it may be a drift, or
+    the tissue's past.
     """
     kept = _kept(stream.t, rests)
     if not len(kept):
@@ -50,7 +54,8 @@ def over_rests(stream, rests):
                        for one in (np.zeros_like(number), number))
     means = _means(stream, rests)
     colour, gain = between.likeliest(_longest(rests) if _few(means) else np.inf)
-    if gain < SURE or not _is_noise(colour, stream, rests, means):
+    if gain < SURE or not (_is_noise(colour, stream, rests, means)
+                           or _wanders(colour, means, rests, witness)):
         return None
     if within.likeliest()[1] - within.gain(colour) > max(HELD * y.shape[1], SURE):
         return None
@@ -176,6 +181,36 @@ def _is_noise(colour, stream, rests, means):
     alike = (unit.T @ unit)[i, j]**2 * independent
     error = np.sqrt(2.0 * max(independent - 1.0, 0.0) / (independent + 2.0) / len(alike))
     return alike.mean() < 1.0 + max(IN_COMMON, SIGNIFICANT * error)
+
+
+def _wanders(colour, means, rests, witness):
+    """True if a Colour is faint and the body came back better than that by a witness.
+
+    By the middle one of its series the body moved from rest to rest by less than STEADY times
+    what the middle one of the stream's `_means` differs by.
+    """
+    if witness is None or colour.share > FAINT or _few(_means(witness, rests)):
+        return False
+    return _moved(witness, rests) < STEADY**2 * np.median(means[0].var(axis=0, ddof=1))
+
+
+def _moved(witness, rests):
+    """Variance [m^2] between rests of the middle series of a Stream, less that of its noise.
+
+    The halves of a rest differ by noise alone.
+    """
+    _, _, spans = _means(witness, rests)
+    first, second = (np.array([np.nanmean(np.where(
+        witness.valid[half][..., None], witness.values[half], np.nan), axis=0) for half in halves])
+        for halves in zip(*(_halves(one) for one in spans), strict=True))
+    noise = np.nanmean(0.25 * (first - second)**2, axis=0)
+    return float(np.nanmedian(np.nanvar(0.5 * (first + second), axis=0, ddof=1) - noise))
+
+
+def _halves(span):
+    """Both halves of a slice."""
+    middle = (span.start + span.stop) // 2
+    return slice(span.start, middle), slice(middle, span.stop)
 
 
 def _few(means):

@@ -11,7 +11,7 @@ from arm_brachy.core.random import stream as draws
 from arm_brachy.diagnosis import rest_colour
 from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.rest_colour import over_rests
-from arm_brachy.diagnosis.stream import FORCE, Stream
+from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL, TISSUE, Stream
 
 PERIOD, SD, SHARE, TIME = 0.01, 0.03, 0.36, 1.2
 RESTS = tuple((1.5 * i, 1.5 * i + 0.4) for i in range(40))     # 1.1 s of pushes between them
@@ -168,3 +168,49 @@ def test_of_hours_of_rest_every_rest_counts_with_its_beginning():
     for start, end in rests:
         inside = t[kept][(t[kept] >= start) & (t[kept] < end)]
         assert inside[0] == pytest.approx(start) and np.allclose(np.diff(inside), PERIOD)
+
+
+def wandering(seed, loud=1.0):
+    """Two tools of an EM tracker whose zero drifts by a third of the noise, loud times."""
+    rng = draws(seed, 'wandering')
+    n = 6500
+    white = SD * rng.standard_normal((n, 6))
+    drift = SD * loud * rng.standard_normal(6) * np.linspace(-0.6, 0.6, n)[:, None]
+    values = (white + drift).reshape(n, 2, 3)
+    t = PERIOD * np.arange(n)
+    return Stream(EM, t, ('a', 'b'), values, np.ones((n, 2), dtype=bool), (TISSUE,) * 2,
+                  np.zeros((2, 3)))
+
+
+def watching(seed, moved):
+    """Five markers on the same body, which drifts by `moved` [m] at most."""
+    rng = draws(seed, 'watching')
+    t = PERIOD * np.arange(6500)
+    values = 0.3 * SD * rng.standard_normal((len(t), 5, 3)) + moved * np.linspace(
+        0.0, 1.0, len(t))[:, None, None]
+    return Stream(OPTICAL, t, tuple('abcde'), values, np.ones((len(t), 5), dtype=bool),
+                  (TISSUE,) * 5, np.zeros((5, 3)))
+
+
+EIGHT = tuple((8.0 * i, 8.0 * i + 2.5) for i in range(8))
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_faint_drift_is_the_trackers_where_another_sees_the_body_come_back(seed):
+    em = wandering(seed)
+    assert over_rests(em, EIGHT) is None
+    colour, _ = over_rests(em, EIGHT, watching(seed, 0.0))
+    assert colour.time > rest_colour.LONGEST_SLOW and 0.02 < colour.share <= rest_colour.FAINT
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_drift_that_both_see_or_that_is_loud_is_no_noise(seed):
+    assert over_rests(wandering(seed), EIGHT, watching(seed, 0.7 * SD)) is None
+    assert over_rests(wandering(seed, 10.0), EIGHT, watching(seed, 0.0)) is None
+
+
+def test_markers_that_are_louder_than_the_drift_are_no_less_a_witness():
+    """What they differ by from rest to rest is their own noise."""
+    noisy = watching(0, 0.0)
+    noisy = replace(noisy, values=20.0 * noisy.values)
+    assert over_rests(wandering(0), EIGHT, noisy) is not None
