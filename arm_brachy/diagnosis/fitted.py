@@ -48,6 +48,7 @@ class Fitted:
         without the causes answers: loose ones (`standing_back`), tissue that changes (`preload`),
         another body (`off_zero`)
     covariance : (k, k) of the coordinates of `refit`, their laws' errors in it; None without refit
+    end : (k,) where the fit ended, settled or not; None where it did not begin
     """
 
     hypotheses: tuple
@@ -59,6 +60,7 @@ class Fitted:
     notes: tuple = ()
     back: tuple = ()
     covariance: np.ndarray | None = None
+    end: np.ndarray | None = None
 
     def causes(self, probability):
         """cause.Cause each, that hold together."""
@@ -99,8 +101,8 @@ def fit_in_full(assembly, candidate, law, start=None):
     """Fitted of a decide.Candidate of an assembly.Assembly, at some states of each recording.
 
     law : model_error.Accuracy.law, which intervals of causes in the tissue include
-    start : Refit.z of the same hypotheses in other noise, from which it begins; None = from the
-        linear answer
+    start : Fitted.end of the same hypotheses in other noise, from which it begins; None = from
+        the linear answer
 
     Where the full fit does not settle, the numbers are those of the linear answer, and a note
     says so.
@@ -132,14 +134,14 @@ def fit_in_full(assembly, candidate, law, start=None):
         names = ' and '.join(one.name for one in hypotheses)
         return Fitted(hypotheses, terms, estimates, None, kept, None, (
             f'The full fit of {names} did not settle ({error}); its numbers are those of the '
-            'linear answer.',))
+            'linear answer.',), end=getattr(error, 'z', None))
     n, covariance = len(hypotheses), found.covariance
     if any(term.stage is Stage.BODY for term in found.terms[:n]):
         covariance = widened(found, data, found.terms[n].factor, law_of(hypotheses, law),
                              by_nodes(hypotheses))
     estimates = found.space.estimates(found.z, found.mean, covariance)
     return Fitted(hypotheses, found.terms[:n], tuple(estimates[i] for i in range(n)), found,
-                  kept, estimates[n]['factor'], back=back, covariance=covariance)
+                  kept, estimates[n]['factor'], back=back, covariance=covariance, end=found.z)
 
 
 def _off_zero(m, data, hypotheses, amplitudes):

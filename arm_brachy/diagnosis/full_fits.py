@@ -24,8 +24,8 @@ class FullFits:
 
     rng : numpy.random.Generator for the distribution of structured tests
     accuracy : model_error.Accuracy, None = its defaults: how well a law can hold
-    ends : ids of hypotheses -> Refit.z where fits of the same recordings in other noise ended,
-        from which those of these begin; those that settle here are added
+    ends : ids of hypotheses -> Fitted.end of fits of the same recordings in other noise, from
+        which those of these begin, and go on where they did not settle; those made here are added
     """
 
     def __init__(self, assembly, rng, accuracy=None, ends=None):
@@ -44,8 +44,8 @@ class FullFits:
         """The Fitted of a decide.Candidate, begun where that of other noise ended."""
         hypotheses = tuple(id(self._assembly.hypothesis_of(e)[0]) for e in candidate.explanations)
         found = fit_in_full(self._assembly, candidate, self._law, self._ends.get(hypotheses))
-        if found.refit is not None:
-            self._ends[hypotheses] = found.refit.z
+        if found.end is not None:
+            self._ends[hypotheses] = found.end
         return found
 
     def check(self, candidate):

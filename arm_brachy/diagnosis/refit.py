@@ -52,6 +52,17 @@ TINY, ROUGH, RIPPLE = 0.25, 0.5, 2.5e-4
 MISLED = 2          # steps after each other that fail where condensed answers lead
 
 
+class Unsettled(NotConverged):
+    """Too many runs, or no step that helps.
+
+    z : (k,) where the fit was: no result, but a start for the same causes in other noise
+    """
+
+    def __init__(self, message, z):
+        super().__init__(message)
+        self.z = z
+
+
 @dataclass(frozen=True)
 class Options:
     """When to stop."""
@@ -102,7 +113,7 @@ def refit(data, hypotheses, amplitudes, *, held=(), start=None, options=None):
     effect has a narrow bent valley (T7), where it may need more runs. Both are refused.
     Intervals are those of the quadratic model, cut off by limits: what the data leave open has
     the interval of its prior. Raises InputError if nothing is free, NotConverged where the start
-    has no prediction or the cost does not settle.
+    has no prediction, Unsettled, which is one, where the cost does not settle.
     """
     space = free_space(hypotheses, amplitudes, data[0].specimen, held)
     if not space.charts:
@@ -156,7 +167,7 @@ class _Fit:
             left = 2.0 * moved * added / effect if np.isfinite(added) else np.inf
             if left < self.options.tolerance:
                 break
-            self.refuse_endless(left, False)
+            self.refuse_endless(left, False, found[0].z)
             self.correct(found[0])
             z, found = found[0].z, self.minimum(found[0].z)
         self.before = before
@@ -196,7 +207,7 @@ class _Fit:
                 continue
             if over and (left < self.options.tolerance or self.rippled(now, rest, left, tiny)):
                 return now, slope, np.linalg.inv(curvature) + np.outer(rest, rest)
-            self.refuse_endless(left, tiny)
+            self.refuse_endless(left, tiny, now.z)
             ahead = self.at(now.z + step)
             gain = (now.cost - ahead.cost) / promised
             if gain < SUFFICIENT:
@@ -229,14 +240,14 @@ class _Fit:
         """Length of a step (k,), 1 = as far as one of its coordinates should go at once."""
         return float(np.abs(step / self.space.joined('reach')).max())
 
-    def refuse_endless(self, left, tiny):
-        """Raise NotConverged where no step helps or too many were made."""
+    def refuse_endless(self, left, tiny, z):
+        """Raise Unsettled at z (k,) where no step helps or too many were made."""
         runs = max(one.runs for one in self.recordings)
         if tiny or runs >= self.options.runs:
-            raise NotConverged(
+            raise Unsettled(
                 f'the refit still promises a descent of {left:.3g} after {runs} runs, of at most '
                 f'{self.options.runs}; must be below {self.options.tolerance:g}; start nearer, or '
-                'hold what the data do not tell')
+                'hold what the data do not tell', z)
 
     def at(self, z):
         """The _Point at z."""

@@ -108,14 +108,15 @@ def test_what_a_response_says_as_well_is_asked_what_it_leaves_in_every_state(
     assert fits.check(None) == expected
 
 
-def test_a_fit_begins_where_that_in_other_noise_ended_if_it_settled(monkeypatch):
+def test_a_fit_begins_where_that_in_other_noise_ended(monkeypatch):
+    """Settled or not; what did not begin begins at its response again."""
     starts, ends = [], {}
     hypotheses = {'lump': object(), 'gap': object()}
 
     def fit_in_full(assembly, candidate, law, start):
         starts.append(start)
-        settles = 'gap' not in candidate.explanations
-        return SimpleNamespace(refit=SimpleNamespace(z=assembly.end) if settles else None)
+        return SimpleNamespace(refit=None, end=assembly.end if 'gap' not in (
+            candidate.explanations) else None)
 
     monkeypatch.setattr('arm_brachy.diagnosis.full_fits.fit_in_full', fit_in_full)
     for end in ('in quiet', 'in loud'):

@@ -23,7 +23,7 @@ from arm_brachy.diagnosis.law_error import widened
 from arm_brachy.diagnosis.nuisances import nuisances
 from arm_brachy.diagnosis.observables import KINDS, Measured, Observables, channels_of
 from arm_brachy.diagnosis.recording_fit import Data, RecordingFit
-from arm_brachy.diagnosis.refit import ROUGH, Options, refit
+from arm_brachy.diagnosis.refit import ROUGH, Options, Unsettled, refit
 from arm_brachy.diagnosis.responses import loosened_change, together
 from arm_brachy.diagnosis.slip import ACCURACY, NEAR
 from arm_brachy.registry import by_name
@@ -519,8 +519,12 @@ class Shifted:
 def test_what_does_not_end_or_begin_is_told(record):
     near = hypothesis(Inclusion, centre=(0.012, 0.018, 0.036), radius=0.012)
     data = record((LUMP,))
-    with pytest.raises(NotConverged, match='of at most 2'):
-        refit([data], (near,), [np.array([0.25])], options=Options(runs=2))
+    with pytest.raises(Unsettled, match='of at most 6') as ended:
+        refit([data], (near,), [np.array([0.25])], options=Options(runs=6))
+    afresh, on = (refit([data], (near,), [np.array([0.25])], start=start)
+                  for start in (None, ended.value.z))
+    assert on.before < afresh.before and on.runs < afresh.runs
+    assert on.after == pytest.approx(afresh.after, abs=2.0 * Options().tolerance)
     with pytest.raises(InputError, match='no field is free'):
         refit([data], (near,), [np.array([0.25])], held=('centre', 'radius', 'ratio'))
 
