@@ -13,7 +13,8 @@ from arm_brachy.evaluation.residuals import MAD_TO_SD
 
 FINENESS = 2e-3        # of the largest travel: what a straight piece may leave out
 NOISE = 6.0            # standard deviations of the encoder that make no corner
-UNRESOLVED = 0.5       # of a count: noise below that is not told from rounding
+UNRESOLVED = 0.5       # of a count: what readings that flicker have of noise, at most
+FLICKER = 0.1          # of changes that go back at once: a motion turns less often
 ORDERS = (2, 4, 6)     # of differences that tell noise from motion
 MOST_PIECES = 1000
 PUSHED = 0.02          # of the largest travel, but at most regimes.TOUCH
@@ -76,7 +77,7 @@ def motion_of(evidence):
     seen = encoder.valid.all(axis=1)
     t, q = encoder.t[seen], encoder.values[seen, :, 0]
     travel = float(np.ptp(q, axis=0).max())
-    noise = max(noise_of(q), UNRESOLVED * max(map(quantum, q.T)))
+    noise = max(noise_of(q), *map(_flicker, q.T))
     tolerance = max(FINENESS * travel, NOISE * noise)
     corners = corners_of(t, q, tolerance)
     return Motion(t[corners], q[corners], tolerance,
@@ -92,6 +93,17 @@ def noise_of(q):
     sizes = {n: np.median(np.abs(np.diff(q, n=n, axis=0))) for n in ORDERS if len(q) > n}
     return min((MAD_TO_SD * float(size) / np.sqrt(comb(2 * n, n)) for n, size in sizes.items()),
                default=0.0)
+
+
+def _flicker(q):
+    """Noise [m] of readings (n,) that it moves by a count now and then, which medians miss.
+
+    0 where counts follow the motion alone.
+    """
+    way = np.sign(np.diff(q))
+    way = way[way != 0.0]
+    back = np.mean(way[1:] != way[:-1]) if len(way) > 1 else 0.0
+    return UNRESOLVED * quantum(q) if back > FLICKER else 0.0
 
 
 def corners_of(t, q, tolerance, most=MOST_PIECES):

@@ -145,7 +145,7 @@ def _witness(evidence):
     return None if optical is None else optical.channels(optical.on(TISSUE))
 
 
-def _noise(stream, spans, rests, devices, known, witness):
+def _noise(stream, spans, rests, devices, known, witness=None):
     """Noise of a Stream; known : its Colour, None = to be found;  witness : as `over_rests`."""
     stretches = [piece for start, end, settled in spans for piece in pieces(
         int(np.searchsorted(stream.t, start)), int(np.searchsorted(stream.t, end)), settled)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.random import stream
-from arm_brachy.diagnosis.motion import Motion, corners_of, motion_of
+from arm_brachy.diagnosis.motion import FINENESS, Motion, corners_of, motion_of
 from arm_brachy.diagnosis.stream import ENCODER
 
 
@@ -24,14 +24,23 @@ def test_corners_are_found_where_they_are():
     assert len(corners) <= 10
 
 
+def counted(count, noise):
+    """Motion by an encoder of such counts [m] with that much noise in them."""
+    t = np.arange(0.0, 7.0, 0.01)
+    q = path(t) + noise * count * stream(2, 'counts').standard_normal(len(t))
+    readings = (count * np.round(q / count))[:, None, None]
+    return motion_of({ENCODER: SimpleNamespace(t=t, values=readings,
+                                               valid=np.ones((len(t), 1), dtype=bool))})
+
+
+def test_counts_that_follow_the_motion_alone_cost_no_fineness():
+    assert counted(1.22e-5, 0.0).tolerance == pytest.approx(FINENESS * 6e-3, rel=0.01)
+
+
 @pytest.mark.parametrize('count', [1e-5, 5e-5])
 def test_counts_that_flicker_are_no_motion(count):
     """Noise of a third of a count moves most readings by none and some by two."""
-    t = np.arange(0.0, 7.0, 0.01)
-    q = path(t) + count / 3.0 * stream(2, 'counts').standard_normal(len(t))
-    readings = (count * np.round(q / count))[:, None, None]
-    encoder = SimpleNamespace(t=t, values=readings, valid=np.ones((len(t), 1), dtype=bool))
-    motion = motion_of({ENCODER: encoder})
+    motion = counted(count, 1.0 / 3.0)
     spans = [(start, end) for start, end, _ in motion.stills()]
     assert len(spans) == 4
     assert np.abs(np.array(spans) - [(0, 1), (2, 3), (4, 5), (5.75, 7)]).max() < 0.25
