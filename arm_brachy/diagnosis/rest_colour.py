@@ -21,7 +21,8 @@ from arm_brachy.diagnosis.colour import SIGNIFICANT, Colour
 LONGEST_MEMORY = 2.0    # s of noise that is told from the tissue's past by its time alone
 LONGEST_SLOW = 12.0     # s, where channels have it independently of each other, or it is faint:
 FAINT = 0.25            # of the variance, in the middle one of few channels
-STEADY = 0.5            # of what the means of rests differ by: the body moved less than that
+STEADY = 0.5            # of what the means of rests differ by: the body moved less than that. Own
+                        # choice, with a silicone finger in sight: up to 0.2 in ten recordings
 PART = 0.25             # of the time from the first rest to the last: a longer memory is a drift
 FEWEST_RESTS, FEWEST_CHANNELS = 5, 6     # of them, for their means to tell noise from the past
 IN_COMMON = 0.5         # that squared correlations may exceed those of noise by, relative, where
@@ -197,14 +198,18 @@ def _wanders(colour, means, rests, witness):
 def _moved(witness, rests):
     """Variance [m^2] between rests of the middle series of a Stream, less that of its noise.
 
-    The halves of a rest differ by noise alone.
+    The halves of a rest differ by noise alone. Infinite where too few rests show all channels in
+    both.
     """
-    _, _, spans = _means(witness, rests)
-    first, second = (np.array([np.nanmean(np.where(
-        witness.valid[half][..., None], witness.values[half], np.nan), axis=0) for half in halves])
-        for halves in zip(*(_halves(one) for one in spans), strict=True))
-    noise = np.nanmean(0.25 * (first - second)**2, axis=0)
-    return float(np.nanmedian(np.nanvar(0.5 * (first + second), axis=0, ddof=1) - noise))
+    halves = [_halves(one) for one in _means(witness, rests)[2]]
+    halves = [both for both in halves if all(witness.valid[half].any(axis=0).all()
+                                             for half in both)]
+    if len(halves) < FEWEST_RESTS:
+        return np.inf
+    first, second = (np.array([_mean_of(witness, half) for half in some])
+                     for some in zip(*halves, strict=True))
+    noise = 0.25 * np.mean((first - second)**2, axis=0)
+    return float(np.median(np.var(0.5 * (first + second), axis=0, ddof=1) - noise))
 
 
 def _halves(span):
@@ -245,10 +250,15 @@ def _means(stream, rests):
     """(means (r, c), channel (c,), slices (r,)) of what changes, where all channels are seen."""
     spans = [slice(*np.searchsorted(stream.t, span)) for span in rests]
     spans = [one for one in spans if stream.valid[one].any(axis=0).all()]
-    means = [np.nanmean(np.where(stream.valid[one][..., None], stream.values[one], np.nan), axis=0)
-             for one in spans]
+    means = [_mean_of(stream, one) for one in spans]
     k, axes = stream.values.shape[1:]
     means = np.array(means).reshape(len(means), k * axes)
     means = means - means.mean(axis=0) if len(means) else means
     kept = means.any(axis=0)
     return means[:, kept], np.repeat(np.arange(k), axes)[kept], spans
+
+
+def _mean_of(stream, span):
+    """(k, c) means over a slice in which every channel is seen."""
+    seen = np.where(stream.valid[span][..., None], stream.values[span], np.nan)
+    return np.nanmean(seen, axis=0)

@@ -214,3 +214,10 @@ def test_markers_that_are_louder_than_the_drift_are_no_less_a_witness():
     noisy = watching(0, 0.0)
     noisy = replace(noisy, values=20.0 * noisy.values)
     assert over_rests(wandering(0), EIGHT, noisy) is not None
+
+
+def test_a_witness_that_saw_too_little_of_the_rests_is_none():
+    """A frame in two seconds: half of most rests has no sample."""
+    slow = watching(0, 0.0)
+    slow = replace(slow, t=slow.t[::220], values=slow.values[::220], valid=slow.valid[::220])
+    assert over_rests(wandering(0), EIGHT, slow) is None
