@@ -37,8 +37,10 @@ def force_findings(prepared, jumps=()):
     stiffness = _stiffness(prepared, force, rests)
     scatter = np.hypot(_scatter(fits), stiffness * _known(prepared, force, rests))
     slack = np.hypot(prepared.calibration.force_zero, prepared.calibration.touch * stiffness)
-    return tuple(found for k, fit in enumerate(fits) if fit is not None
-                 for found in _findings(prepared, force, k, fit, scatter, slack))
+    return tuple(found for pad in dict.fromkeys(force.names)
+                 if (index := [k for k in force.on(pad) if fits[k] is not None])
+                 for found in _findings(prepared, force, index, [fits[k] for k in index],
+                                        scatter, slack))
 
 
 def _known(prepared, force, rests):
@@ -146,17 +148,18 @@ def _scatter(fits):
     return np.sqrt(total / max(sum(dof for *_, dof in known), 1))
 
 
-def _findings(prepared, force, k, fit, scatter, slack):
-    (beta, covariance, _, _), pad = fit, force.names[k]
+def _findings(prepared, force, index, fits, scatter, slack):
+    """Findings of one pad by the fits of its channels `index`."""
     calibration, tests = prepared.calibration, TESTS * len(prepared.evidence.pads)
-    limit = threshold(tests, beta.shape[1])
-    span = float(force.t[0]), float(force.t[-1])
-    zero_sd, rate_sd = (scatter * np.sqrt(covariance[i, i]) for i in (0, 1))
-    zero, rate = beta[0], beta[1]
+    pad, span = force.names[index[0]], (float(force.t[0]), float(force.t[-1]))
+    zero, rate = (np.concatenate([beta[i] for beta, *_ in fits]) for i in (0, 1))
+    zero_sd, rate_sd = (np.concatenate([scatter * np.sqrt(covariance[i, i])
+                                        for _, covariance, *_ in fits]) for i in (0, 1))
+    limit = threshold(tests, len(zero))
     out = []
     z = sigma(rate, rate_sd, calibration.force_drift)
     if z > limit:
-        rate, rate_sd = _in_frame(force, k, rate, rate_sd)
+        rate, rate_sd = _in_frame(force, index, rate, rate_sd)
         out.append(Finding(
             FORCE, pad, 'force_drift', 'rate', rate, 'N/s', rate_sd, z, *span,
             f'The force on {pad} drifts by {60.0 * np.linalg.norm(rate):.2f} N a minute while '
@@ -164,7 +167,7 @@ def _findings(prepared, force, k, fit, scatter, slack):
             parameters={'rate': tuple(rate), 'pads': (pad,)}, slack=calibration.force_drift))
     z = sigma(zero, zero_sd, slack)
     if z > limit and not any(prepared.evidence.scene.gravity):    # a weight presses at rest
-        zero, zero_sd = _in_frame(force, k, zero, zero_sd)
+        zero, zero_sd = _in_frame(force, index, zero, zero_sd)
         out.append(Finding(
             FORCE, pad, 'force_drift', 'bias', zero, 'N', zero_sd, z, *span,
             f'The force on {pad} reads {np.linalg.norm(zero):.2f} N at the start while nothing '
@@ -174,9 +177,12 @@ def _findings(prepared, force, k, fit, scatter, slack):
     return out
 
 
-def _in_frame(force, k, value, sd):
-    """(value (3,), its error (3,)) in the frame, of a channel's components (c,).
+def _in_frame(force, index, value, sd):
+    """(value (3,), its error (3,)) in the frame, of a pad's components (c,), channels `index`.
 
     Across what is measured along one direction the value is zero, known no better than along it.
     """
-    return (value, sd) if force.along is None else (value * force.along[k], np.repeat(sd, 3))
+    if force.along is None:
+        return value, sd
+    ways = force.along[index]
+    return value @ ways, np.repeat(sd, 3) if len(sd) == 1 else np.sqrt(sd**2 @ ways**2)

@@ -24,7 +24,8 @@ def gap_findings(prepared):
     stands = () if prepared.motion is None else prepared.motion.stills()
     for kind, stream in streams.items():
         found += _silence(stream, span)
-        for k, name in enumerate(stream.names):
+        for name in dict.fromkeys(stream.names):    # a sensor's axes are seen together
+            k = stream.names.index(name)
             found += _gaps(stream, k, name, () if kind == ENCODER else prepared.evidence.blind)
             if kind != ENCODER:
                 found += _frozen(stream, k, name, stands)

@@ -9,6 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from arm_brachy.diagnosis.stream import components
+
 LINE = 1e-3     # of the spread of a sensor's readings, that may be off a line: rounding
 IN_LINE = 0.99  # cosine of a line and a push, from which one goes along the other
 FEWEST = 20     # samples of a sensor
@@ -24,6 +26,8 @@ def measured_axes(values):
 def along_pushes(stream, pushes, notes):
     """The Stream of forces with c = 1, along the pushes, if a sensor has but one axis.
 
+    A sensor of three axes beside such has three channels of its name: along its push and, after
+    all of those, across it.
     pushes : name of a pad -> unit vector (3,);  notes : list that is told
     Vectors along an axis that is not the push are readings of a sensor in its own frame: of
     unknown sign, so that what is read under the greatest load is taken to push back. On any other
@@ -34,20 +38,36 @@ def along_pushes(stream, pushes, notes):
     known = [name for name, line in zip(stream.names, lines, strict=True) if line is not None]
     if not known:
         return stream
-    values, turned = np.empty((*stream.values.shape[:2], 1)), []
-    for k, (name, line) in enumerate(zip(stream.names, lines, strict=True)):
-        way = along[k]
-        if line is not None and abs(line @ way) < IN_LINE:
-            way = _pushing_back(line, stream.values[:, k])
-            turned.append(name)
-        values[:, k, 0] = stream.values[:, k] @ way
-    others = '' if len(known) == len(stream.names) else ', those of the others too'
+    read, turned = along.copy(), []
+    for k, line in enumerate(lines):
+        if line is not None and abs(line @ along[k]) < IN_LINE:
+            read[k] = _pushing_back(line, stream.values[:, k])
+            turned.append(stream.names[k])
     notes.append(f'The force sensors of {", ".join(known)} have one axis: forces are compared '
-                 f'along the push of each pad{others}.')
+                 'along the push of these pads.')
     if turned:
         notes.append(f'What is read on {", ".join(turned)} lies on a line that is not the push: '
                      'it is taken for the force in line with the actuator.')
-    return replace(stream, values=values, along=along)
+    index = list(range(len(lines)))
+    for k, line in enumerate(lines):
+        if line is None:
+            index += [k, k]
+            read, along = (np.vstack([one, across(along[k])]) for one in (read, along))
+    stream = stream.channels(index)
+    return replace(stream, values=components(stream.values, read), along=along)
+
+
+def across(way):
+    """[(3,), (3,)] across a unit vector: the axes of the frame by the least turn that takes the
+    third, the one nearest to it, onto its line.
+
+    Each is nearest to an axis of its own.
+    """
+    near = int(np.abs(way).argmax())
+    axis = np.sign(way[near]) * np.eye(3)[near]
+    both = axis + way
+    return [e - both * (e @ way) / (1.0 + axis @ way)
+            for k, e in enumerate(np.eye(3)) if k != near]
 
 
 def _line(values, push):

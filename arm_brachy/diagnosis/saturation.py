@@ -24,7 +24,8 @@ def unsaturated(stream, notes):
             at_end = _at_end(stream.values[seen, k, axis])
             if at_end.any():
                 valid[seen[at_end], k] = False
-                way = 'its push' if stream.along is not None else 'xyz'[axis]
+                way = 'xyz'[axis] if stream.along is None else (
+                    'its push' if stream.names.index(name) == k else 'an axis across its push')
                 ends = np.unique(stream.values[seen[at_end], k, axis])
                 notes.append(
                     f'{stream.kind} on {name} stays at {" and ".join(f"{v:.3g}" for v in ends)} N '

@@ -15,7 +15,8 @@ class Stream:
     """k channels of c components, sampled together on one clock.
 
     kind : ENCODER (c = 1), FORCE, OPTICAL or EM (c = 3; forces along one direction: c = 1)
-    t : (n,) [s], increasing;  names : k channels
+    t : (n,) [s], increasing;  names : k channels; where a sensor has several
+        the first is along the push
     values : (n, k, c) SI, world or tracker frame, NaN where not seen;  valid : (n, k)
     bodies : what each channel sits on: TISSUE, BASE or the name of a pad
     rest : (k, c) the scene's positions at rest [m]; zero for encoders and forces

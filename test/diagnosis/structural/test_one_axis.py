@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.one_axis import along_pushes, measured_axes
+from arm_brachy.diagnosis.one_axis import across, along_pushes, measured_axes
 from arm_brachy.diagnosis.stream import FORCE, Stream, components
 
 N = 200
@@ -63,13 +63,24 @@ def test_a_force_without_noise_that_keeps_its_direction_was_measured_along_all_a
     assert along_pushes(given, PUSHES, notes) is given and not notes
 
 
-def test_beside_one_of_one_axis_the_others_are_taken_along_the_push_too():
-    rng, notes, across = np.random.default_rng(1), [], np.array([0.0, 1.0, 0.0])
+def test_a_sensor_of_three_axes_beside_one_of_one_axis_keeps_them_all():
+    rng, notes = np.random.default_rng(1), []
     values = vectors(PUSHES['a'], OBLIQUE)
-    values[:, 1] += rng.standard_normal((N, 1)) * across
+    values[:, 1] += rng.standard_normal((N, 1)) * [0.0, 1.0, 0.0] + 0.1 * rng.random((N, 3))
     found = along_pushes(stream(values), PUSHES, notes)
-    np.testing.assert_allclose(found.values[..., 0], READ, atol=1e-12)
-    assert 'sensors of a have one axis' in notes[0] and 'those of the others too' in notes[0]
+    assert found.names == found.bodies == ('a', 'b', 'b', 'b')
+    np.testing.assert_allclose(found.values[..., :2, 0], np.stack(
+        [READ[:, 0], values[:, 1] @ OBLIQUE], axis=1), atol=1e-12)
+    np.testing.assert_allclose(found.vectors[:, 1:].sum(axis=1), values[:, 1], atol=1e-12)
+    assert 'sensors of a have one axis' in notes[0] and 'of these pads' in notes[0]
+
+
+def test_the_axes_across_a_push_are_each_nearest_to_an_axis_of_their_own():
+    for way in (OBLIQUE, np.array([0.0, -1.0, 0.0]), np.full(3, 3**-0.5)):
+        frame = np.stack([way, *across(way)])
+        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+        assert sorted(np.abs(frame).argmax(axis=1)) == [0, 1, 2] or np.ptp(way) == 0.0
+        assert len(set(np.abs(frame[1:]).argmax(axis=1))) == 2
 
 
 def test_what_sensors_of_one_axis_show_of_a_vector():
