@@ -19,8 +19,8 @@ from arm_brachy.diagnosis.observables import Observables, channels_of
 from arm_brachy.diagnosis.responses import (
     body_change,
     loosened_change,
+    prepared,
     sensing_change,
-    supported_change,
     together,
     transmission_change,
 )
@@ -37,6 +37,9 @@ STATICS = NewtonOptions(tolerance=1e-8)     # m: a hundredth of what any tracker
 # Of what terms do to a recording, the part that their tangents may have wrong where they lead the
 # fit: every full run then leaves that part of the step before it open.
 BENT = 0.1
+# Of the step of a difference, in which the pressure on a support changes little: it comes in over
+# some micrometres.
+FINE = 1e-3
 STEPS = NewtonOptions(tolerance=1e-7)       # m: of these no differences are taken
 
 
@@ -245,11 +248,9 @@ class RecordingFit:
     def _offset(self, shown):
         return {kind: shown[kind] + self._added.get(kind, 0.0) for kind in STAGES}
 
-    def columns(self, space, now, model, *, leading=False):
+    def columns(self, space, now, model):
         """Return (N, k): change of the prediction over the noise per coordinate at a _Point.
 
-        leading : differences of supports are those of condensed answers beside the model without
-            the terms: right to some per cent, a twentieth of the cost of full runs
         Central differences, one-sided at a limit and where the term does not fit the mesh at one
         end. Raises NotConverged where a full run fails, or it fits at neither.
         """
@@ -258,45 +259,35 @@ class RecordingFit:
             self.runs += 1
             baseline = Baseline(model, self.data.encoder, self.data.t)
         for number, term in enumerate(now.terms):
-            changes[number] = self._unchanged if number in self.data.absent else (
-                self._change(baseline, number, term, leading))
+            changes[number] = (self._unchanged, 1.0) if number in self.data.absent else (
+                self._change(baseline, number, term))
         low, high = space.joined('low'), space.joined('high')
         out = []
         for number, step in zip(space.owner, np.diag(space.joined('step')), strict=True):
-            ends = np.maximum(now.z - step, low), np.minimum(now.z + step, high)
-            out.append(_slope(lambda z, n=number: changes[n](space.terms(z)), now.z, ends))
-        if leading and not all(np.isfinite(one[kind]).all() for one in out for kind in STAGES):
-            return self.columns(space, now, model)      # a condensed balance that is not found
+            change, share = changes[number]
+            ends = np.maximum(now.z - share * step, low), np.minimum(now.z + share * step, high)
+            out.append(_slope(lambda z, by=change: by(space.terms(z)), now.z, ends))
         return self.data.observables.whiten(
             {kind: np.stack([one[kind] for one in out], axis=3) for kind in STAGES})
-
-    def may_lead(self, terms):
-        """True if `columns` may take condensed answers of one of these terms."""
-        return any(self._condensed(term) is not None for term in self.data.present(terms))
 
     def _unchanged(self, terms):
         """Prediction but for a constant by a term that does not act here."""
         return {kind: np.zeros((len(self.data.t), len(names), 3))
                 for kind, names in channels_of(self.data.specimen).items()}
 
-    def _condensed(self, term):
-        """Change of the prediction by a term that is a support, as `columns` says; else None."""
-        if self.data.baseline is None or term.stage is not Stage.BODY or (
-                _has_tangent(self.data.baseline.model, term)):
-            return None
-        return supported_change(self.data.baseline, term)
-
-    def _change(self, baseline, number, term, leading):
-        """Function from terms, one of them varied, to the prediction but for a constant."""
+    def _change(self, baseline, number, term):
+        """(Function from terms, one of them varied, to the prediction but for a constant; share of
+        its steps by which it may be varied).
+        """
+        by = _CHANGES.get(term.stage, sensing_change)
         if self.beside is not None and term.stage is not Stage.BODY:
-            by = _CHANGES.get(term.stage, sensing_change)
-            return lambda terms: by(self.beside, terms[number])
-        if leading and self._condensed(term) is not None:
-            return lambda terms: self._condensed(terms[number])
-        if baseline is None or not _has_tangent(baseline.model, term):
-            return self._varied
-        view, by = _struck(baseline, term), _CHANGES.get(term.stage, sensing_change)
-        return lambda terms: by(view, terms[number])
+            return lambda terms: by(self.beside, terms[number]), 1.0
+        if baseline is None or term.stage is Stage.TRANSMISSION and baseline.model.remembers:
+            return self._varied, 1.0
+        view, share = _struck(baseline, term), 1.0
+        if not _has_tangent(baseline.model, term):
+            by, share = _support_change, FINE
+        return lambda terms: by(view, terms[number]), share
 
     def _varied(self, terms):
         found = self.predicted(terms)[1]
@@ -334,8 +325,19 @@ def _bonding(terms):
 _CHANGES = {Stage.BODY: body_change, Stage.TRANSMISSION: transmission_change}
 
 
+def _support_change(view, term):
+    """`body_change` by other values of a support that the body of a struck Baseline has.
+
+    Raises MeshError where these hold other nodes.
+    """
+    if not np.array_equal(prepared(view.model, term)[0].fixed, view.model.body.fixed):
+        raise MeshError(f'{term.spec.name}: other nodes are held beside its present values; must '
+                        'be the same for a tangent')
+    return body_change(view, term)
+
+
 def _has_tangent(model, term):
-    """True if predictions change with a term's values as the tangent of `responses` says."""
+    """True if a model without the term answers to it as the tangent of `responses` says."""
     if term.stage is Stage.BODY:
         body = term.prepare(model.specimen.body)
         return not len(body.supports.nodes) and not touches(body).any()

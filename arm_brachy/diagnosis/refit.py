@@ -14,8 +14,7 @@ over the whole box of limits, less than `Options.tolerance`, or `ROUGH` if no st
 
 Derivatives come from the tangent answers of `responses` at the present model, a term's changed
 value being to its present one what a term is to a model without it; where no tangent leads there
-(supports, contact), from differences of full runs. Condensed answers, a twentieth of their cost,
-lead the way of supports as long as the steps that they ask for succeed; the end is by full runs.
+(pads that touch), from differences of full runs.
 Terms that act on sensors alone ask for no tissue solve after the first.
 
 Memories are followed along the motion of the model without the causes, and what they do to the
@@ -49,7 +48,6 @@ NEAR, TRUE = 0.5, 0.02
 # standard deviation, and the interval has it; or a share of what the effect is worth, which is a
 # sixtieth of it in every channel; or more, where the whole step helps as little as short ones.
 TINY, ROUGH, RIPPLE = 0.25, 0.5, 2.5e-4
-MISLED = 2          # steps after each other that fail where condensed answers lead
 
 
 class Unsettled(NotConverged):
@@ -150,7 +148,6 @@ class _Fit:
         self.space, self.options, self.columns = space, options, ()
         terms = space.terms(start)
         self.recordings = [RecordingFit(one, terms) for one in data]
-        self.led = any(one.may_lead(terms) for one in self.recordings)
         self.beside = Beside(stacked(data))
 
     def settled(self, start):
@@ -187,7 +184,7 @@ class _Fit:
         Derivatives from before serve until they mislead.
         The step that is left counts as one standard deviation more. Raises NotConverged.
         """
-        now, region, fresh, failed = self.at(start), 1.0, not self.columns, 0
+        now, region, fresh = self.at(start), 1.0, not self.columns
         self.before = now.cost
         if not np.isfinite(now.cost):
             raise NotConverged('the refit has no prediction at its start; must be a model that '
@@ -201,19 +198,15 @@ class _Fit:
             tiny = fresh and promised < TINY * self.options.tolerance
             spent = max(one.runs for one in self.recordings) >= self.options.runs
             over = left < self.options.tolerance or tiny or spent
-            if self.led and (over or failed >= MISLED):
-                self.led, fresh, failed = False, True, 0
-                self.linearise(now)
-                continue
             if over and (left < self.options.tolerance or self.rippled(now, rest, left, tiny)):
                 return now, slope, np.linalg.inv(curvature) + np.outer(rest, rest)
             self.refuse_endless(left, tiny, now.z)
             ahead = self.at(now.z + step)
             gain = (now.cost - ahead.cost) / promised
             if gain < SUFFICIENT:
-                region, kept, failed = 0.25 * self.length(step), fresh, failed + 1
+                region, kept = 0.25 * self.length(step), fresh
             else:
-                now, fresh, failed, off = ahead, False, 0, abs(gain - 1.0)
+                now, fresh, off = ahead, False, abs(gain - 1.0)
                 region *= 2.0 if gain > GOOD else 0.5
                 kept = off < TRUE or promised < NEAR and off < GOOD
             if not kept:
@@ -233,7 +226,7 @@ class _Fit:
 
     def linearise(self, now):
         """Take the derivatives at a point."""
-        self.columns = tuple(one.columns(self.space, now, model, leading=self.led)
+        self.columns = tuple(one.columns(self.space, now, model)
                              for one, model in zip(self.recordings, now.models, strict=True))
 
     def length(self, step):

@@ -106,8 +106,8 @@ def _with(model, *added):
     return tuple(sorted((*model.terms, *added), key=lambda t: TERMS.index(type(t))))
 
 
-def _prepared(model, *added):
-    """(SoftBody, body terms) of a model with more body terms."""
+def prepared(model, *added):
+    """Return (SoftBody, body terms) of a model with more body terms."""
     terms = tuple(t for t in _with(model, *added) if t.stage is Stage.BODY)
     body = model.specimen.body
     for one in terms:
@@ -119,7 +119,7 @@ def _restructures(baseline, term):
     """True if terms of this class take the tangent away; asked once of each class."""
     known = baseline.restructures
     if type(term) not in known:
-        known[type(term)] = rebuilt(baseline.model.body, _prepared(baseline.model, term)[0])
+        known[type(term)] = rebuilt(baseline.model.body, prepared(baseline.model, term)[0])
     return known[type(term)]
 
 
@@ -136,7 +136,7 @@ def rebuilt(old, new):
 
 def _supported(baseline, term, scale):
     """Condensed to the nodes of a support or loose pad without memory, else run in full."""
-    body, terms = _prepared(baseline.model, term)
+    body, terms = prepared(baseline.model, term)
     if touches(body).any() and not any(one.memory(body) is not None for one in terms):
         return _by(scale, loosened_change(baseline, term))
     change = supported_change(baseline, term)
@@ -155,7 +155,7 @@ def supported_change(baseline, term):
 
 def support_changes(baseline, term):
     """`supported_change` of the truth: n dicts kind -> (c, 3), or None."""
-    body, terms = _prepared(baseline.model, term)
+    body, terms = prepared(baseline.model, term)
     if touches(body).any() or remembers(body, terms):
         return None
     changes = interface_change(baseline, body)
@@ -168,7 +168,7 @@ def loosened_change(baseline, term, near=np.inf, back=0.0):
     baseline : of a model without memory;  near, back : as in `slip.slip_change`
     NaN from a state on that is not found
     """
-    changes = slip_change(baseline, _prepared(baseline.model, term)[0], near, back)
+    changes = slip_change(baseline, prepared(baseline.model, term)[0], near, back)
     return _difference(baseline, [baseline.split(change) for change in changes])
 
 
@@ -191,7 +191,7 @@ def body_change(baseline, term):
 def body_changes(baseline, added):
     """`body_change` of the truth by body terms together: n dicts kind -> (c, 3)."""
     model = baseline.model
-    body, terms = _prepared(model, *added)
+    body, terms = prepared(model, *added)
     fractions = _moduli_alone(baseline, body, terms)
     if fractions is not None:
         places = {i: baseline.split(baseline.by_modulus[i] @ fractions)
@@ -281,7 +281,7 @@ def together(baseline, added):
     """
     by_stage, body = split(added), baseline.model.body
     bonded = [t for t in by_stage[Stage.BODY]   # a support so small that it holds no node is one
-              if not rebuilt(body, _prepared(baseline.model, t)[0])]
+              if not rebuilt(body, prepared(baseline.model, t)[0])]
     parts = [body_changes(baseline, bonded)] if bonded else []
     if by_stage[Stage.TRANSMISSION]:
         parts.append(transmission_changes(baseline, by_stage[Stage.TRANSMISSION]))
