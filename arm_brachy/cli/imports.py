@@ -29,12 +29,13 @@ def import_():
                    'map.')
 @click.option('--out', required=True, type=click.Path(), metavar='FOLDER',
               help='Of the bag; new or empty.')
+@click.option('--name', help='Of the recording, where one map is for several; default: its own.')
 @json_option
-def csv_command(column_map, folder, out, json_file):
+def csv_command(column_map, folder, out, name, json_file):
     """CSV files to a bag; COLUMN_MAP (YAML) says which column is what.
 
     Times, jitter included, are kept as they are. What is no number is refused by file, line and
-    column. The map's keys are described in arm_brachy/recording/README.md.
+    column. The map's keys: `arm-brachy keys columns`, arm_brachy/recording/README.md.
 
     \b
     Example:
@@ -42,7 +43,7 @@ def csv_command(column_map, folder, out, json_file):
         --folder recordings/A --out runs/dome_rig_a
     """
     with new_folder(out) as bag, working(f'reading the files of {column_map}'):
-        found = import_csv(column_map, bag, folder=folder)
+        found = import_csv(column_map, bag, folder=folder, name=name)
     rows = [{'stream': name, **figures} for name, figures in found['streams'].items()]
     show(summary('import csv', rows), json_file)
     console.print(f"bag  {found['bag']}  {sum(found['messages'].values())} messages",

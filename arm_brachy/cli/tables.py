@@ -6,9 +6,10 @@ from arm_brachy import graph, registry
 from arm_brachy.core.config import key_rows
 from arm_brachy.core.scene import Scene
 from arm_brachy.diagnosis.finding import Calibration
+from arm_brachy.recording.csv_map import ColumnMap
 from arm_brachy.scenario import Scenario
 
-FILES = {'scene': Scene, 'scenario': Scenario, 'calibration': Calibration}
+FILES = {'scene': Scene, 'scenario': Scenario, 'calibration': Calibration, 'columns': ColumnMap}
 
 
 @click.command()
@@ -40,11 +41,12 @@ def nodes():
 @click.command()
 @click.argument('file', type=click.Choice(list(FILES)))
 def keys(file):
-    """Print the keys of scene, scenario and calibration files.
+    """Print the keys of scene, scenario, calibration and column map files.
 
     Markdown: default, allowed values, meaning. In brackets [] is a list item; `required` must be
     given. A calibration is for `arm-brachy diagnose`: standard deviations of what a sound
-    laboratory leaves uncalibrated, the defaults where none is given.
+    laboratory leaves uncalibrated, the defaults where none is given. A column map (`columns`) is
+    for `arm-brachy import csv`.
 
     \b
     Example:

@@ -51,5 +51,5 @@ def asked(assembly, decision, ensemble, calibration=None):
 
 def _of(assembly, candidate):
     """(Hypotheses, amplitudes (p,) in typical sizes) of a decide.Candidate."""
-    hypotheses, amplitudes, _ = sizes_of(assembly, candidate)
+    hypotheses, amplitudes = sizes_of(assembly, candidate)
     return hypotheses, np.concatenate(amplitudes)

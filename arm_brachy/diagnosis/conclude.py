@@ -7,7 +7,8 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from arm_brachy.diagnosis.cause import Estimate
-from arm_brachy.diagnosis.fitted import AS_FOUND, CHORD, TO_90, parts_of, tested_part
+from arm_brachy.diagnosis.fitted import AS_FOUND, CHORD, parts_of, tested_part
+from arm_brachy.diagnosis.from_finding import TO_90
 from arm_brachy.diagnosis.given import onsets_in
 from arm_brachy.diagnosis.held_out import stream_fits
 from arm_brachy.diagnosis.inference import detectability, posterior

@@ -30,7 +30,6 @@ CORNER = 0.02       # of the largest travel, that a path may be off between its 
 STATES = 20         # of each recording at which causes are fitted in full,
 SHOWING = 6         # and those in which they show most
 FAINTER = 0.5**np.arange(6)      # of what responses ask for, tried as a start
-TO_90 = 1.645       # standard deviations to either end of a normal 90 % interval
 TANGENT, CHORD, AS_FOUND = 'tangent', 'chord', 'as found'    # of `parts_of`
 
 
@@ -85,16 +84,14 @@ def _number(value):
 
 
 def sizes_of(assembly, candidate):
-    """(Hypotheses, amplitudes, their sd) of a decide.Candidate, in typical sizes, per cause."""
+    """(Hypotheses, amplitudes (k,) each) of a decide.Candidate, in typical sizes."""
     hypotheses = tuple(assembly.hypothesis_of(e)[0] for e in candidate.explanations)
-    amplitudes, widths, first = [], [], 0
+    amplitudes, first = [], 0
     for one in hypotheses:
         spread = np.array([s.spread for s in one.strengths])
-        part = slice(first, first + len(spread))
-        amplitudes.append(spread * candidate.mean[part])
-        widths.append(spread * candidate.sd[part])
+        amplitudes.append(spread * candidate.mean[first:first + len(spread)])
         first += len(spread)
-    return hypotheses, amplitudes, widths
+    return hypotheses, amplitudes
 
 
 def fit_in_full(assembly, candidate, law, start=None):
@@ -104,10 +101,10 @@ def fit_in_full(assembly, candidate, law, start=None):
     start : Fitted.end of the same hypotheses in other noise, from which it begins; None = from
         the linear answer
 
-    Where the full fit does not settle, the numbers are those of the linear answer, and a note
-    says so.
+    Where the full fit does not settle, the numbers are those of the linear answer, without
+    intervals, and a note says so.
     """
-    hypotheses, amplitudes, widths = sizes_of(assembly, candidate)
+    hypotheses, amplitudes = sizes_of(assembly, candidate)
     suspects = assembly.suspects
     kept = tuple(_kept(m, effect) for m, effect in zip(suspects, _effects(assembly, candidate),
                                                        strict=False))
@@ -129,12 +126,12 @@ def fit_in_full(assembly, candidate, law, start=None):
             found = refit(data, (*hypotheses, modulus), (*sizes, np.zeros(1)), start=found.z)
     except (NotConverged, InputError, InvertedElement) as error:
         amplitudes = [_allowed(*x) for x in zip(hypotheses, amplitudes, strict=True)]
-        estimates = tuple(_linear(*x) for x in zip(hypotheses, amplitudes, widths, strict=True))
+        estimates = tuple(unsettled(*x) for x in zip(hypotheses, amplitudes, strict=True))
         terms = tuple(one.term(a) for one, a in zip(hypotheses, amplitudes, strict=True))
         names = ' and '.join(one.name for one in hypotheses)
         return Fitted(hypotheses, terms, estimates, None, kept, None, (
             f'The full fit of {names} did not settle ({error}); its numbers are those of the '
-            'linear answer.',), end=getattr(error, 'z', None))
+            'linear answer, without intervals.',), end=getattr(error, 'z', None))
     n, covariance = len(hypotheses), found.covariance
     if any(term.stage is Stage.BODY for term in found.terms[:n]):
         covariance = widened(found, data, found.terms[n].factor, law_of(hypotheses, law),
@@ -223,19 +220,14 @@ def possible_start(body, hypothesis, amplitudes):
     raise refused
 
 
-def _linear(hypothesis, amplitude, width):
-    """{field: Estimate} of the strengths by the linear answer."""
-    out = {}
-    for strength, a, w in zip(hypothesis.strengths, amplitude, width, strict=True):
-        ends = sorted(strength.value(v) for v in (a - TO_90 * w, a, a + TO_90 * w))
-        low, value, high = ends[0], strength.value(a), ends[-1]
-        if strength.component is None:
-            out[strength.name] = Estimate(value, low, high)
-        else:
-            before = out.get(strength.name, Estimate((), (), ()))
-            out[strength.name] = Estimate((*before.value, value), (*before.low, low),
-                                          (*before.high, high))
-    return out
+def unsettled(hypothesis, amplitude):
+    """{field: Estimate} of the strengths by the linear answer, how far off nobody knows."""
+    values = {}
+    for strength, a in zip(hypothesis.strengths, amplitude, strict=True):
+        value = strength.value(a)
+        values[strength.name] = value if strength.component is None else (
+            *values.get(strength.name, ()), value)
+    return {name: Estimate.unsure(value) for name, value in values.items()}
 
 
 def data_of(m, kept):

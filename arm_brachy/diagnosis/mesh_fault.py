@@ -6,7 +6,7 @@ import numpy as np
 
 from arm_brachy.diagnosis.assembly import stacked_nuisances
 from arm_brachy.diagnosis.cause import Cause, Estimate
-from arm_brachy.diagnosis.fitted import TO_90
+from arm_brachy.diagnosis.from_finding import TO_90
 from arm_brachy.diagnosis.inference import log_density, posterior
 from arm_brachy.diagnosis.mesh_errors import SYSTEMATIC
 from arm_brachy.diagnosis.stream import FORCE

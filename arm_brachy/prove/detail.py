@@ -98,7 +98,8 @@ def _parameters(cause, effect):
         return {}
     told = cause['parameters']
     held = [one for _, key in keys for one in _held(told.get(key), effect['values'][key])]
-    counted = {'interval_holds': all(held), 'intervals': len(held), 'intervals_held': sum(held)}
+    counted = {'interval_holds': all(held) if held else None, 'intervals': len(held),
+               'intervals_held': sum(held)}
     if any(key not in told for _, key in keys):
         return {'parameter_error_percent': 100.0, 'parameter_right': False, **counted}
     errors = [departure(info, told[key]['value'], effect['values'][key]) for info, key in keys]
@@ -110,12 +111,15 @@ def _parameters(cause, effect):
 
 
 def _held(told, true):
-    """Per component of a true value, whether the interval told holds it."""
+    """Per component of a true value, whether the interval told holds it; none where its ends are
+    told to be unknown.
+    """
     parts = np.atleast_1d(np.asarray(true, dtype=float))
     if told is None:
         return [False] * len(parts)
     low, high = (np.atleast_1d(np.asarray(end, dtype=object)) for end in told['interval_90'])
-    return [holds(ends, part) for *ends, part in zip(low, high, parts, strict=True)]
+    return [holds(ends, part) for *ends, part in zip(low, high, parts, strict=True)
+            if ends != [None, None]]
 
 
 def _is_off(info, value):

@@ -17,11 +17,12 @@ from arm_brachy.recording.writer import BagWriter
 QUATERNION_AXES = ('x', 'y', 'z', 'w')
 
 
-def import_csv(map_file, out_dir, *, folder=None, attachments=None):
+def import_csv(map_file, out_dir, *, folder=None, name=None, attachments=None):
     """Convert the files that a column map names into one bag.
 
     map_file : YAML as `csv_map.ColumnMap`;  out_dir : new bag directory
     folder : what the map's file paths are relative to; by default the folder of the map itself
+    name : of the recording; None = that of the map
     attachments : file name -> text, kept in the bag (e.g. the scene)
     Times, jitter included, are kept as the files give them: nothing is resampled. A missing value
     gives a marker that is not visible, a tool without a pose, a wrench or actuator left out.
@@ -46,7 +47,7 @@ def import_csv(map_file, out_dir, *, folder=None, attachments=None):
             streams.append((topics, records))
     if not streams:
         raise ConfigError(f'{map_file}: names no file; give encoders, forces, optical or em')
-    info = {'name': column_map.name, 'source': column_map.source, 'map': map_file.name}
+    info = {'name': name or column_map.name, 'source': column_map.source, 'map': map_file.name}
     held = {'columns.yaml': map_file.read_text(encoding='utf-8'), **(attachments or {})}
     with BagWriter(out_dir, provenance=info, attachments=held) as bag:
         for topics, _ in streams:

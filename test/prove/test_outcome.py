@@ -141,6 +141,13 @@ def test_a_parameter_that_was_not_told_is_not_right():
     assert row['interval_holds'] is False
 
 
+def test_an_interval_that_is_not_known_does_not_count():
+    given = answer('named', cause('backlash', parameters={'width_mm': told(0.23, None, None)}))
+    row = score(record(given), truth(BACKLASH))
+    assert row['parameter_right']
+    assert (row['interval_holds'], row['intervals'], row['intervals_held']) == (None, 0, 0)
+
+
 def test_each_interval_counts_components_of_vectors_too():
     """A 90 % interval is one of ten times beside the truth, so that all of several seldom hold."""
     force = effect('external_force', {'force_N': [0.2, 0.0, -0.1], 'radius_mm': 8.0})

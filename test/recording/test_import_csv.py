@@ -82,6 +82,13 @@ def test_every_stream_arrives_in_si(rig):
     assert bag.attachment_text('columns.yaml') == MAP
 
 
+def test_recordings_of_one_map_have_names_of_their_own(rig):
+    for name in (None, 'second'):
+        import_csv(rig / 'map.yaml', rig / str(name), name=name)
+    assert [BagReader(rig / str(name)).metadata()['arm_brachy']['name']
+            for name in (None, 'second')] == ['test', 'second']
+
+
 def test_messages_are_ordered_by_time_across_files(rig):
     import_csv(rig / 'map.yaml', rig / 'bag')
     times = [r.log_time_ns for r in BagReader(rig / 'bag').records()]

@@ -15,7 +15,7 @@ from arm_brachy.devices.terms.optical_scale import OpticalScale
 from arm_brachy.diagnosis import recording_fit
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.candidates import surface_places
-from arm_brachy.diagnosis.fitted import FAINTER, possible_start
+from arm_brachy.diagnosis.fitted import FAINTER, possible_start, unsettled
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.inference import Beside
@@ -287,6 +287,13 @@ def test_where_tangents_lead_the_end_is_that_of_full_runs(record, linear, encode
         other = plain.estimates[0][field]
         assert np.all(np.abs(np.subtract(one.value, other.value)) < 0.1 * width(other))
     assert led.runs <= (plain.runs + 1 if held else 0.5 * plain.runs)
+
+
+def test_numbers_of_a_fit_that_did_not_settle_have_no_intervals():
+    found = unsettled(hypothesis(ExternalForce, centre=(0.0, 0.0, 0.058)),
+                      np.array([1.0, 0.0, -0.5]))['force']
+    assert found.value[1] == 0.0 and found.value[2] == -0.5 * found.value[0] != 0.0
+    assert np.isneginf(found.low).all() and np.isposinf(found.high).all()
 
 
 def test_a_bump_that_elements_do_not_stand_starts_lower(linear):
