@@ -28,6 +28,10 @@ def mesh(surface, output, edge_length_mm, unit, scene, json_file):
     A mesh that cuts across the rim of a pad holds another disc than the pad's: pushes are then off
     by some percent. With --scene it does not; the scene may name OUTPUT before it is there.
 
+    Qualities are mean ratios, 1 of a regular element and 0 of a flat one. Edges shorter than
+    wished for are those of rims and of a curved surface, which is cut by surface_distance at most.
+    What results are wrong by with this mesh, `diagnose` finds out itself.
+
     \b
     Example:
       arm-brachy mesh config/scenes/breast/breast.stl breast.msh \\

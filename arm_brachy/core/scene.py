@@ -75,7 +75,8 @@ class Marker:
 
     name: str
     position: tuple = quantity(None, 'mm', 'on the stress-free body, world frame; up to 8 mm '
-                               'off it, it rides on the nearest surface', shape=(3,))
+                               'off the tissue, it rides on the nearest surface; on a pad or the '
+                               'base, which are rigid, anywhere', shape=(3,))
     body: str = word('what it is glued to: tissue, base or the name of a pad', default='tissue')
 
 
