@@ -31,7 +31,7 @@ COMMANDS = {  # name -> (module:object, first line of its help)
     'mesh': ('mesh:mesh', 'Fill a closed SURFACE with tetrahedra.'),
     'terms': ('tables:terms', 'Print the table of physics terms.'),
     'nodes': ('tables:nodes', 'Print the table of nodes and topics.'),
-    'keys': ('tables:keys', 'Print the keys of scene, scenario and calibration files.'),
+    'keys': ('tables:keys', 'Print the keys of scenes, scenarios, calibrations and column maps.'),
 }
 
 

@@ -41,7 +41,7 @@ def nodes():
 @click.command()
 @click.argument('file', type=click.Choice(list(FILES)))
 def keys(file):
-    """Print the keys of scene, scenario, calibration and column map files.
+    """Print the keys of scenes, scenarios, calibrations and column maps.
 
     Markdown: default, allowed values, meaning. In brackets [] is a list item; `required` must be
     given. A calibration is for `arm-brachy diagnose`: standard deviations of what a sound

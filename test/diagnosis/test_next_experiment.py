@@ -245,7 +245,7 @@ def test_a_stream_that_any_of_the_recordings_has_is_no_new_one(monkeypatch):
             baseline=SimpleNamespace(model=SimpleNamespace(specimen=None, terms=())))
 
     one = SimpleNamespace(causes=('a',), explanations=(SimpleNamespace(columns=np.ones((1, 1))),))
-    monkeypatch.setattr(asking, 'sizes_of', lambda *_: ((), [np.ones(1)], None))
+    monkeypatch.setattr(asking, 'sizes_of', lambda *_: ((), [np.ones(1)]))
     monkeypatch.setattr(asking, 'next_experiment',
                         lambda specimen, terms, options, noise, streams, **_: (noise, streams))
     assembly = SimpleNamespace(
