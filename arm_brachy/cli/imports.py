@@ -29,7 +29,8 @@ def import_():
                    'map.')
 @click.option('--out', required=True, type=click.Path(), metavar='FOLDER',
               help='Of the bag; new or empty.')
-@click.option('--name', help='Of the recording, where one map is for several; default: its own.')
+@click.option('--name', help='Of the recording, where one map is for several. Default: that of '
+                             'the map.')
 @json_option
 def csv_command(column_map, folder, out, name, json_file):
     """CSV files to a bag; COLUMN_MAP (YAML) says which column is what.

@@ -264,8 +264,8 @@ def _fit_in(stream, samples, notes):
     period = max(1.0 / RATE, span / samples)
     if len(stream.t) <= samples and period < 1.5 * stream.period or span == 0.0:
         return stream
-    notes.append(f'{stream.kind} was averaged from {1.0 / stream.period:.3g} samples a second, '
-                 f'those of all its sensors, to {1.0 / period:.3g}.')
+    notes.append(f'{stream.kind} has {1.0 / stream.period:.3g} samples a second in all; they were '
+                 f'averaged to {1.0 / period:.3g}.')
     return thinned(stream, period)
 
 

@@ -162,7 +162,7 @@ def _parameter(cause, label):
     told = {name: cause['parameters'].get(infos[name].key(name)) for name in true}
     if None in told.values():
         return {'parameter_right': False, 'interval_holds': False}
-    held = all(holds(told[name]['interval_90'], true[name]) for name in true)
+    held = all_hold({name: one['interval_90'] for name, one in told.items()}, true)
     if label['term'] in PRODUCTS:
         product = PRODUCTS[label['term']]
         found = product({**label['fields'], **_scalars(cause, infos)})
@@ -199,6 +199,21 @@ def holds(interval, true):
         for end, fill in zip(interval, (-np.inf, np.inf), strict=True))
     true = np.atleast_1d(np.asarray(true, dtype=float))
     return bool(np.all((low <= true) & (true <= high)))
+
+
+def all_hold(told, true):
+    """True if all intervals told, name -> of `holds`, hold the true values, name -> value; None if
+    none of them is known.
+
+    A parameter of `true` that was not told is not held.
+    """
+    known = [name for name in true if name not in told or not _unknown(told[name])]
+    return all(name in told and holds(told[name], true[name]) for name in known) if known else None
+
+
+def _unknown(interval):
+    return all(end is None for part in interval for end in np.atleast_1d(
+        np.asarray(part, dtype=object)))
 
 
 def onset_told(answer, cause):

@@ -13,7 +13,7 @@ has the terms that it amounts to.
 import numpy as np
 
 from arm_brachy.diagnosis.wording import spoken
-from arm_brachy.experiments.diagnosis_score import MESH, explanations, holds
+from arm_brachy.experiments.diagnosis_score import MESH, all_hold, explanations
 
 STREAMS = {'optical': 'mm', 'em': 'mm', 'force': 'N'}
 OUTSIDE = 'outside the catalogue'
@@ -94,8 +94,8 @@ def _parameter(true, cause):
     said = cause['parameters']
     found = {name: _component(said[key], end, axis)
              for name, end in (('found', 0), ('low', 1), ('high', 2))} if key in said else {}
-    return out | found | {'intervals_hold': all(
-        name in said and holds(said[name]['interval_90'], value) for name, value in true.items())}
+    return out | found | {'intervals_hold': all_hold(
+        {name: one['interval_90'] for name, one in said.items()}, true)}
 
 
 def _component(estimate, end, axis):

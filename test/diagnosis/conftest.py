@@ -56,7 +56,8 @@ def named():
         recalibrated={'E': Estimate(6.31e3, 6.18e3, 6.44e3)}, scene='corrected.yaml',
         evidence=198.3, held_out=212.7, chance=0.42, apart=14.2,
         notes=('Radius and ratio are known through their product only: they are strongly '
-               'correlated.', 'optical was averaged from 200 Hz to 100 Hz.'))
+               'correlated.',
+               'optical has 200 samples a second in all; they were averaged to 100.'))
 
 
 def structural():

@@ -98,7 +98,7 @@ def test_options_stand_beside_each_other_with_what_decides(pages, answers):
 def test_findings_and_notes_are_below(pages):
     text = pages['structural'].text
     assert text.index('How well it fits') < text.index('departs from the encoder by 0.31 mm')
-    assert 'optical was averaged from 200 Hz to 100 Hz.' in pages['named'].text
+    assert 'optical has 200 samples a second in all; they were' in pages['named'].text
 
 
 def test_nothing_missing_claims_no_place_and_no_cause(pages):

@@ -291,7 +291,8 @@ def test_a_bin_that_was_mostly_hidden_is_not_valid():
 def test_long_recordings_are_averaged_to_a_bounded_number_of_samples(run, scene):
     found = evidence_of(run, scene, samples=200)
     assert all(len(s.t) <= 201 for s in found.streams.values())
-    assert any('was averaged from 100 samples a second' in note for note in found.notes)
+    assert any('has 100 samples a second in all; they were averaged' in note
+               for note in found.notes)
     fine = evidence_of(run, scene)
     assert np.nanmax(np.abs(found.get(OPTICAL).values[:10] - np.nanmean(
         fine.get(OPTICAL).values[:100], axis=0))) < 0.2e-3

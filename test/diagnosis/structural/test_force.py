@@ -9,6 +9,7 @@ from arm_brachy.cell import pad_directions
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.force_balance import balance_findings
 from arm_brachy.diagnosis.force_zero import force_findings
+from arm_brachy.diagnosis.gaps import gap_findings
 from arm_brachy.diagnosis.prepared import prepare
 from arm_brachy.evaluation.timeseries import Series
 from arm_brachy.registry import parse_terms
@@ -45,6 +46,23 @@ def test_load_cells_of_one_axis_tell_the_drift_along_it(record):
                                             abs=0.1 * 0.5 / 60.0)
         assert drift.value == pytest.approx(drift.parameters['rate'])
     np.testing.assert_allclose(found[0][0].value, found[1][0].value, rtol=1e-9)
+
+
+def test_a_cell_of_three_axes_beside_two_of_one_tells_the_whole_drift(record):
+    """Once, of the pad, as a vector; those beside it tell none, and nothing is said thrice."""
+    run, scene = record({'name': 'force_drift', 'rate_N_min': [0.5, -0.4, 0.3],
+                         'pads': ['pad_1']})
+    ways, values = pad_directions(scene), run.force.values.copy()
+    for k in (0, 2):
+        values[:, k] = (values[:, k] @ ways[k])[:, None] * ways[k]
+    prepared = prepare(evidence_of(replace(run, force=Series(run.force.t, values)), scene))
+    assert len(prepared.evidence.get('force').names) == 5
+    drift, = force_findings(prepared)
+    assert (drift.term, drift.parameter, drift.channel) == ('force_drift', 'rate', 'pad_1')
+    assert drift.value == pytest.approx(np.array([0.5, -0.4, 0.3]) / 60.0, abs=0.1 * 0.5 / 60.0)
+    assert drift.sd.shape == (3,) and (drift.sd < 0.1 * 0.5 / 60.0).all()
+    gaps = gap_findings(prepared)
+    assert len(gaps) == len({(one.stream, one.channel, one.statement) for one in gaps})
 
 
 def test_a_wrong_zero_is_found(record):

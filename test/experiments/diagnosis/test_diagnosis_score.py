@@ -5,7 +5,7 @@ import pytest
 
 from arm_brachy.diagnosis.cause import Cause, Estimate
 from arm_brachy.diagnosis.statements import Interval, Place, StreamFit
-from arm_brachy.experiments.diagnosis_score import score
+from arm_brachy.experiments.diagnosis_score import all_hold, score
 
 MM = 1e-3
 
@@ -122,3 +122,13 @@ def test_the_error_is_the_worst_streams_over_its_floor(judged):
            StreamFit('force', 0.3, 0.1, 0.03, 0.033))
     row = judged('backlash', 'named', Cause('backlash'), fit=fit)
     assert row['error_over_floor'] == pytest.approx(1.2)
+
+
+def test_intervals_that_are_not_known_hold_nothing_and_miss_nothing():
+    width, force = [0.1, 0.3], [[None, None, None], [None, None, None]]
+    true = {'width_mm': 0.2, 'force_N': (0.1, 0.0, 0.2)}
+    assert all_hold({'width_mm': width, 'force_N': force}, true) is True
+    assert all_hold({'width_mm': [0.1, 0.15], 'force_N': force}, true) is False
+    assert all_hold({'width_mm': [None, None], 'force_N': force}, true) is None
+    assert all_hold({'force_N': force}, true) is False      # a width that was not told
+    assert all_hold({'width_mm': [0.1, None]}, {'width_mm': 0.2}) is True
