@@ -137,7 +137,7 @@ def test_a_sector_of_another_shape_settles_among_the_ripples_of_its_nodes(
     (BaseDebond(radius=0.03, centre=(0.02, 0.01, 0.0)), (0.04, -0.01, 0.0), 0.5),
     (Obstacle(gap=2e-4, centre=(0.0, 0.0, 0.0575)), (0.008, 0.006, 0.057), 1.0)])
 def test_tangents_beside_a_support_lead_to_it_in_a_few_runs(record, truth, place, size):
-    """Condensed answers, then full runs took 31 and 52, and the sector stayed 14 nats short."""
+    """Condensed answers, then full runs took 31 and 52, and the sector stayed 13 nats short."""
     data = record((truth,))
     found = refit([data], (hypothesis(type(truth), centre=place),), [np.array([size])])
     assert found.runs <= 25
