@@ -73,8 +73,13 @@ def _part(one, elements, names):
 
 def same_fields(one, other, but=()):
     """True if two StepFields are the same, save what is named in `but`."""
-    return all(np.array_equal(getattr(one, f.name), getattr(other, f.name))
-               for f in dataclasses.fields(one) if f.name not in but)
+    return one is other or all(
+        _same(getattr(one, f.name), getattr(other, f.name))
+        for f in dataclasses.fields(one) if f.name not in but)
+
+
+def _same(one, other):
+    return one is other or np.array_equal(one, other)
 
 
 def alike(one, other, but=()):

@@ -22,6 +22,7 @@ Test: diagnosis/forward/test_slip.py
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import eye_array
 
 from arm_brachy.core.errors import NotConverged
 from arm_brachy.diagnosis.face_contact import FaceContact
@@ -124,10 +125,8 @@ class Released:
             if not self._linear:
                 raise
             return False
-        moves = _rows(np.flatnonzero(~np.isin(self._nodes, self._statics.free.held)))
-        compliance = np.zeros((3 * len(self._nodes), 3 * len(self._nodes)))
-        compliance[np.ix_(moves, moves)] = linear.compliance(_rows(self._nodes)[moves])
-        self._linear[i], self.compliances[i] = linear, compliance
+        each = eye_array(linear.x.size, format='csc')[:, _rows(self._nodes)]
+        self._linear[i], self.compliances[i] = linear, linear.compliance(each)
         return True
 
 

@@ -221,6 +221,8 @@ def stepped(body, terms, t, pads, options=None):
 def evolve(body, terms, trajectory, at=None, *, lasting=False):
     """Return the StepFields in force at instants of a Trajectory, memory following its x.
 
+    Where nothing is remembered all instants share one.
+
     body : SoftBody as `terms` prepared it;  terms : body terms
     at : (k,) numbers of the instants, increasing; None = all
     lasting : those of a step without end instead, by which small loads answer that never change
@@ -231,8 +233,10 @@ def evolve(body, terms, trajectory, at=None, *, lasting=False):
     dt = np.diff(trajectory.t, prepend=-np.inf)
     acting = np.full(len(dt), np.inf) if lasting else dt
     at = np.arange(len(dt)) if at is None else np.asarray(at)
-    fields = [StepFields.of(body) for _ in at]
     terms = [term for term in terms if term.memory(body) is not None]
+    if not terms:
+        return [StepFields.of(body)] * len(at)
+    fields = [StepFields.of(body) for _ in at]
     steps = Steps(trajectory.t, dt, acting, trajectory.x,
                   _swelling(body, terms, trajectory.t, acting), at)
     for term in terms:

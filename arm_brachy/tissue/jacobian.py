@@ -154,10 +154,13 @@ class Linearisation:
         h[self._held] = x_bar[self._held] - self._K_held @ a
         return a, h
 
-    def compliance(self, rows):
-        """Return the motion (k, k) [m/N] of k rows of free nodes by a force on each of them."""
-        load = (self.solver.free.dofs[:, None] == rows).astype(float)
-        moved = self._factor.solve(load)[np.searchsorted(self.solver.free.dofs, rows)]
+    def compliance(self, loads):
+        """Return the motion (k, k) [m/N] along k patterns of load by each of them.
+
+        loads : (3n, k) sparse; what falls on held nodes does nothing
+        """
+        loads = loads[self.solver.free.dofs]
+        moved = loads.T @ self._factor.solve(loads.toarray())
         return 0.5 * (moved + moved.T)
 
     def stiffness(self, rows):

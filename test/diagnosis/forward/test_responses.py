@@ -11,6 +11,7 @@ from arm_brachy.devices.terms.actuator_lag import ActuatorLag
 from arm_brachy.devices.terms.backlash import Backlash
 from arm_brachy.devices.terms.force_gain import ForceGain
 from arm_brachy.devices.terms.optical_scale import OpticalScale
+from arm_brachy.diagnosis import interface
 from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.hypotheses import triable
@@ -162,6 +163,19 @@ def test_an_obstacle_out_of_reach_does_nothing(baseline):
     far = hypothesis(by_name('obstacle'), centre=(0.0, 0.0, 0.058)).alone(0, 1e-3)
     changes = interface_change(baseline, far.prepare(baseline.model.body))
     assert np.array_equal(changes, np.zeros_like(changes))
+
+
+def test_a_wall_presses_in_its_one_direction(linear, encoder, monkeypatch):
+    """The same as with the nodes free to go all three ways, which it pushes in one."""
+    wall = next(hypothesis(by_name(name), **place) for name, place in SUPPORTS
+                if name == 'obstacle')
+    one, three = respond(Baseline(ForwardModel(linear), encoder, STATES), wall).values, None
+    with monkeypatch.context() as patch:
+        patch.setattr(interface, '_shared', lambda normal: np.eye(3))
+        three = respond(Baseline(ForwardModel(linear), encoder, STATES), wall).values
+    for kind in ('optical', 'force'):
+        assert np.abs(three[kind]).max() > 0.0
+        assert np.linalg.norm(one[kind] - three[kind]) < 1e-3 * np.linalg.norm(three[kind])
 
 
 @pytest.mark.parametrize(('name', 'place'), [SUPPORTS[0], SUPPORTS[2]])
