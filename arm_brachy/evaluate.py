@@ -9,6 +9,7 @@ import numpy as np
 from arm_brachy import graph
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.paths import share_dir
+from arm_brachy.diagnosis.one_axis import reading_axis
 from arm_brachy.evaluation import regimes
 from arm_brachy.evaluation.assess import assess, to_result
 from arm_brachy.evaluation.report import write_report
@@ -77,7 +78,8 @@ def comparisons(run, cell, predicted):
     Returns stream name ('optical', 'em', 'force') -> ResidualData. Predictions are interpolated
     linearly to the times of measurement. Where encoders tell when the body was unloaded, markers
     and EM sensors are registered to the model over the stretches of rest before the first load:
-    a rigid fit for three points or more, a shift for fewer. Nothing else is fitted.
+    a rigid fit for three points or more, a shift for fewer. Nothing else is fitted. What load
+    cells of one axis read is compared along the push of their pads alone.
     """
     if predicted is None:
         return {}
@@ -120,21 +122,42 @@ def _paired(run, cell, predicted, stream):
         return None
     used = tuple(stream.names[i] for i in kept)
     model = _at(stream.t, predicted.t, values[:, [names.index(name) for name in used]])
-    measured, left, moved = stream.values[:, kept], None, ''
+    measured, left, said = stream.values[:, kept], None, ''
+    if stream.kind == 'force':
+        measured, model, said = _as_cells_read(measured, model, used, run.pads)
     marked = _regimes(run, cell, stream.t, measured)
     if stream.kind == 'position' and run.pads and run.encoder is not None:
-        measured, left, moved = _registered(stream.t, measured, model, marked)
+        measured, left, said = _registered(stream.t, measured, model, marked)
     rest = {m.name: m.position for m in (*cell.scene.markers, *cell.scene.targets)}
     where = Path(cell.model.mesh.file).name
     statement = (f'{stream.title} of {run.name} against scene {cell.scene.name}, mesh {where}, '
                  f'E = {cell.model.material.E * 1e-3:g} kPa, nu = {cell.model.material.nu:g}. '
-                 f'{moved}No parameter was fitted.')
+                 f'{said}No parameter was fitted.')
     return ResidualData(
         run.name, stream.t, used, measured, model,
         np.array([rest.get(name, (0.0, 0.0, 0.0)) for name in used]), statement=statement,
         scenario=run.scenario, seed=cell.scenario.seed, commit=commit_of(share_dir()),
         machine=str(machine_description()), command=run.command, registration=left,
         regimes=marked, tissue=predicted.tissue, kind=stream.kind)
+
+
+def _as_cells_read(measured, model, names, pads):
+    """Force (n, k, 3) measured and of the model, on load cells of one axis along the push alone.
+
+    Also says so, '' if there are none.
+    """
+    measured, model, single = measured.copy(), model.copy(), []
+    pushes = {pad.name: pad.direction for pad in pads}
+    for k, name in enumerate(names):
+        seen, push = np.isfinite(measured[:, k]).all(axis=1), pushes.get(name)
+        axis = None if push is None else reading_axis(measured[seen, k], push)
+        if axis is not None:
+            single.append(name)
+            measured[:, k], model[:, k] = np.outer(measured[:, k] @ axis, push), np.outer(
+                model[:, k] @ push, push)
+    said = (f'The cells of {", ".join(single)} have one axis: forces are compared along their '
+            'push. ') if single else ''
+    return measured, model, said
 
 
 def _at(t, tt, values):

@@ -323,7 +323,8 @@ def _in_scene_order(run, scene):
         return {}
     if sorted(wanted) != sorted(given):
         raise RecordingError(f'the recording has actuators {", ".join(given)}; scene {scene.name} '
-                             f'has {", ".join(wanted)}; give the scene it was made with')
+                             f'has {", ".join(wanted)}; give the scene it was made with, and the '
+                             'travel of pads that stand still too, zeros')
     index = [given.index(name) for name in wanted]
     series = {name: getattr(run, name)
               for name in ('encoder', 'command_position', 'pad_displacement')}

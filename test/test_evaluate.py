@@ -1,6 +1,7 @@
 """A recording beside a prediction: streams, registration, regimes, pages."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -110,6 +111,21 @@ def test_force_rows_are_per_pad_and_component_in_newton():
     assert hold['pad'] == 'press'
     assert hold['bias_x_N'] == pytest.approx(0.5 * 400.0 * 5e-3, rel=0.06)
     assert hold['rms_y_N'] == pytest.approx(0.02, rel=0.2)
+
+
+def test_cells_of_one_axis_are_compared_along_the_push():
+    """The model's force has a part across that such a cell does not see."""
+    told = prediction(PUSH)
+    predicted = replace(told, force=told.force + PUSH[:, None, None] * [[0.0, 150.0, -90.0]])
+    seen = taken(predicted, force_gain=0.8)
+    line = np.array([seen.pads[0].direction])
+    run = replace(seen, force=Series(T, (seen.force.values @ line[0])[..., None] * line))
+    data = comparisons(run, cell(), predicted)['force']
+    assert 'press have one axis' in data.statement and 'one axis' not in comparisons(
+        seen, cell(), predicted)['force'].statement
+    whole = next(row for row in residual_report.to_result(data).rows if row['regime'] == 'all')
+    assert whole['gain'] == pytest.approx(0.8, abs=0.01)
+    assert whole['rms_y_N'] == whole['rms_z_N'] == 0.0
 
 
 def test_release_splits_into_held_ringing_settled_and_gives_the_mode(tmp_path):

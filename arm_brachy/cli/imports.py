@@ -83,7 +83,7 @@ def c3d_command(files, options_file, scene, out, json_file):
 def _capture_row(found):
     """One line of figures; of those per marker the worst."""
     row = {'file': Path(found['source']).name}
-    row |= {key: found[key] for key in ('frames', 'rate_Hz', 'missing', 'longest_gap_s')}
+    row |= {key: found[key] for key in ('frames', 'rate_Hz', 'missing_values', 'longest_gap_s')}
     for key in ('registration_mm', 'rest_spread_mm'):
         if key in found:
             row[f'worst_{key}'] = max(found[key].values())

@@ -89,7 +89,7 @@ def working(text):
     return errors.status(text)
 
 
-def summary(name, rows, *, seed=0):
+def summary(name, rows, *, seed=None):
     """A Result of work on files: rows as flat dicts, with commit and machine of this call."""
     return Result(name, seed, commit_of(share_dir()), machine_description(), tuple(rows))
 

@@ -77,7 +77,8 @@ def replay(bag, scenario, nodes, out, json_file):
     """Feed a recording back to live nodes and evaluate what they say.
 
     The default node predicts from the recorded encoders what trackers and force sensors should
-    have seen; the report shows what it misses.
+    have seen; the report shows what it misses. `gain` is measured over predicted motion (or
+    force): below 1 the model moves too much. It takes about as long as the recording lasts.
 
     \b
     Example:

@@ -52,6 +52,7 @@ def keys(file):
     Example:
       arm-brachy keys scenario
     """
-    click.echo('| key | default | allowed | meaning |\n|---|---|---|---|')
+    meaning = 'standard deviation of' if file == 'calibration' else 'meaning'
+    click.echo(f'| key | default | allowed | {meaning} |\n|---|---|---|---|')
     for row in key_rows(FILES[file]):
         click.echo('| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |')

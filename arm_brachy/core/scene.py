@@ -21,9 +21,10 @@ class MeshFile:
 class Material:
     """Homogeneous Neo-Hookean tissue (3.18)."""
 
-    E: float = quantity(6.0, 'kPa', "Young's modulus", low=0.01, high=1e6,
+    E: float = quantity(6.0, 'kPa', "Young's modulus at small strain", low=0.01, high=1e6,
                         source='plastisol phantom, compression test, thesis sec. 3.4.4')
-    nu: float = quantity(0.49, '', "Poisson's ratio", low=0.0, high=0.4999,
+    nu: float = quantity(0.49, '', "Poisson's ratio at small strain; the energy is mu/2 (J^(-2/3) "
+                         'I1 - 3) + kappa/2 (J - 1)^2', low=0.0, high=0.4999,
                          source='nearly incompressible soft tissue')
     density: float = quantity(1000.0, 'kg_m3', 'mass density', low=1.0, high=2e4,
                               source='water; plastisol is within 5 %')
@@ -33,9 +34,12 @@ class Material:
 class Region:
     """Which nodes: those of a named set, in a half space, or in a box (world frame)."""
 
-    kind: Literal['set', 'half_space', 'box'] = word('two clamps and more are one set')
+    kind: Literal['set', 'half_space', 'box'] = word(
+        'of the nodes that do not move, the base: its normal is that of their faces; two clamps '
+        'and more are one set')
     set: str = word('name of a node set of the mesh file', default='')
-    point: tuple = quantity([0, 0, 0], 'mm', 'a point of the bounding plane', shape=(3,))
+    point: tuple = quantity([0, 0, 0], 'mm', 'a point of the bounding plane, some tenths of a '
+                            'millimetre inside the body where a flat face is meant', shape=(3,))
     normal: tuple = quantity([0, 0, -1], '', 'points into the region', shape=(3,))
     low: tuple = quantity([0, 0, 0], 'mm', 'lower corner', shape=(3,))
     high: tuple = quantity([0, 0, 0], 'mm', 'upper corner', shape=(3,))
@@ -109,7 +113,8 @@ class Scene:
     material: Material = field(default_factory=Material)
     dynamics: Literal['quasi_static', 'implicit'] = word('implicit: inertia and damping',
                                                          default='quasi_static')
-    gravity: tuple = quantity([0, 0, 0], 'm_s2', 'gravity', shape=(3,))
+    gravity: tuple = quantity([0, 0, 0], 'm_s2', 'gravity, in a liquid what buoyancy leaves of it',
+                              shape=(3,))
     rayleigh_alpha: float = quantity(0.0, 'per_s', 'mass-proportional damping (implicit only)',
                                      low=0.0)
     rayleigh_beta: float = quantity(0.0, 'ms', 'stiffness-proportional damping (implicit only)',

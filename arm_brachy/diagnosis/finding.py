@@ -31,8 +31,9 @@ class Calibration:
                                 high=100.0, source='own choice: glued by hand to a drawing')
     scale: float = quantity(0.001, '', 'scale of an optical tracker', low=0.0, high=1.0,
                             source='own choice: calibration wand measured to 0.25 mm in 240 mm')
-    em_registration: float = quantity(0.2, 'mm', 'zero of an EM tracker, per axis', low=0.0,
-                                      high=100.0, source='own choice: a shift of up to 0.5 mm')
+    em_registration: float = quantity(0.2, 'mm', 'zero of an EM tracker, and place of its '
+                                      'sensor in the body, per axis', low=0.0, high=100.0,
+                                      source='own choice: a shift of up to 0.5 mm')
     force_zero: float = quantity(0.03, 'N', 'zero of a force sensor, per axis', low=0.0,
                                  high=100.0, source='own choice: tared to one or two counts')
     force_gain: float = quantity(0.01, '', 'scale of a force sensor', low=0.0, high=1.0,

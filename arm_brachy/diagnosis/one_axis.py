@@ -34,27 +34,35 @@ def along_pushes(stream, pushes, notes):
     line they are forces that keep their direction, without noise: all axes were measured.
     """
     along = np.array([pushes[name] for name in stream.names])
-    lines = [_line(stream.values[stream.valid[:, k], k], way) for k, way in enumerate(along)]
-    known = [name for name, line in zip(stream.names, lines, strict=True) if line is not None]
+    axes = [reading_axis(stream.values[stream.valid[:, k], k], way) for k, way in enumerate(along)]
+    known = [name for name, axis in zip(stream.names, axes, strict=True) if axis is not None]
     if not known:
         return stream
-    read, turned = along.copy(), []
-    for k, line in enumerate(lines):
-        if line is not None and abs(line @ along[k]) < IN_LINE:
-            read[k] = _pushing_back(line, stream.values[:, k])
-            turned.append(stream.names[k])
+    read = np.array([way if axis is None else axis for axis, way in zip(axes, along, strict=True)])
+    turned = [name for k, name in enumerate(stream.names) if (read[k] != along[k]).any()]
     notes.append(f'The force sensors of {", ".join(known)} have one axis: forces are compared '
                  'along the push of these pads.')
     if turned:
         notes.append(f'What is read on {", ".join(turned)} lies on a line that is not the push: '
                      'it is taken for the force in line with the actuator.')
-    index = list(range(len(lines)))
-    for k, line in enumerate(lines):
-        if line is None:
+    index = list(range(len(axes)))
+    for k, axis in enumerate(axes):
+        if axis is None:
             index += [k, k]
             read, along = (np.vstack([one, across(along[k])]) for one in (read, along))
     stream = stream.channels(index)
     return replace(stream, values=components(stream.values, read), along=along)
+
+
+def reading_axis(values, push):
+    """Axis (3,) along which a sensor of one axis shows the force along the push, None for others.
+
+    values : (n, 3) [N] of one sensor;  push : unit vector (3,). See `along_pushes`.
+    """
+    line = _line(values, push)
+    if line is None or abs(line @ push) >= IN_LINE:
+        return None if line is None else push
+    return _pushing_back(line, values)
 
 
 def across(way):

@@ -40,11 +40,11 @@ class Result:
     """Rows of a table with all that is needed to get them again.
 
     rows : flat dicts, one per line of the table, units in the key names (`itae_mm_s2`)
-    targets : Target, possibly none
+    targets : Target, possibly none;  seed : None where nothing is drawn
     """
 
     name: str
-    seed: int
+    seed: int | None
     commit: str
     machine: str
     rows: tuple = ()
@@ -70,7 +70,8 @@ class Result:
             self._print_whole(console, _row_table(self.name, columns, list(rows)))
         if self.targets:
             self._print_whole(console, self._target_table())
-        console.print(f'seed {self.seed}   commit {self.commit}   {self.machine}',
+        drawn = '' if self.seed is None else f'seed {self.seed}   '
+        console.print(f'{drawn}commit {self.commit}   {self.machine}',
                       highlight=False, markup=False)
 
     def _print_whole(self, console, table):

@@ -17,8 +17,9 @@ FORCE_UNITS = {'N': 1.0, 'mN': 1e-3}
 FORCE_SIGNS = {'on_tool': 1.0, 'on_tissue': -1.0}
 
 
-COLUMNS = 'pattern of the column names: {key} and {axis}'
-NAMES = "name in the scene -> key in the header; left out, the header's names are the scene's"
+COLUMNS = 'pattern of the column names, any other signs as in the header: {key} and {axis}'
+NAMES = ("name in the scene -> key in the header, of those that this recording has; left out, the "
+         "header's names are the scene's")
 AXES = 'what {axis} stands for, along x, y and z'
 
 
@@ -33,9 +34,12 @@ class CsvFile:
     path: str = word('relative to the map file, or to the folder given with it')
     time: str = word('name of the column of times')
     time_unit: Literal['s', 'ms', 'us', 'ns'] = word('of that column', default='s')
-    delimiter: str = word('between cells', default=',')
+    delimiter: str = word('between cells; a tab is "\\t", in double quotes', default=',')
+    decimal: Literal['.', ','] = word('sign before the decimals', default='.')
     header_line: int = word('number of the line with the column names, from 1; lines before it '
                             'are skipped', default=1)
+    skip_below: int = word('lines below the column names that are skipped, e.g. one of units',
+                           default=0)
     unsorted: Literal['refuse', 'sort'] = word('what to do with a row earlier than the one before '
                                                'it', default='refuse')
     duplicates: Literal['refuse', 'first', 'last'] = word(

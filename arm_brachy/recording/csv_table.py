@@ -102,6 +102,8 @@ def _read_rows(path, options):
             for _ in range(options.header_line - 1):
                 next(reader, None)
             header = _header(path, next(reader, None), options)
+            for _ in range(options.skip_below):
+                next(reader, None)
             lines, rows = [], []
             for row in reader:
                 if not row:
@@ -111,7 +113,7 @@ def _read_rows(path, options):
                         f'{path}:{reader.line_num}: {len(row)} cells; must be {len(header)} as in '
                         'the header (a file cut off while it was written? delete the line)')
                 lines.append(reader.line_num)
-                rows.append(row)
+                rows.append([cell.replace(options.decimal, '.') for cell in row])
     except FileNotFoundError:
         raise RecordingError(f'{path}: no such file') from None
     except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
@@ -161,7 +163,8 @@ def _number(path, line, name, cell, missing):
 
 def _bad_cell(path, line, name, cell):
     return RecordingError(f'{path}:{line}:{name}: {cell!r} is no number; must be one, or empty or '
-                          'NaN for "not measured" (add other words to `missing` in the map)')
+                          'NaN for "not measured" (add other words to `missing` in the map; '
+                          'a line of units below the names is skipped by `skip_below: 1`)')
 
 
 def _times(table, options):

@@ -80,7 +80,7 @@ def import_c3d(files, out_dir, options, scene=None, *, attachments=None):
 
     options : C3dImport;  scene : core.scene.Scene with the reference positions, needed only for a
     registration;  attachments : file name -> text kept in every bag
-    Returns a dict: bags, one dict per file: source, bag, frames, rate_Hz, unit, missing,
+    Returns a dict: bags, one dict per file: source, bag, frames, rate_Hz, unit, missing_values,
     longest_gap_s, registration_mm (marker -> distance left), rest_spread_mm (marker -> rms about
     its mean during the rest), trigger_s (in the bag's time), messages.
     Raises RecordingError naming the file.
@@ -153,7 +153,7 @@ def _import_one(path, out_dir, options, scene, attachments):
         report['trigger_s'] = (released - kept.start) / capture.rate
     missing = np.isnan(points[kept]).any(axis=2)
     measured = sampling(t_ns, missing)
-    report |= {'frames': len(t_ns), 'missing': measured['missing'],
+    report |= {'frames': len(t_ns), 'missing_values': measured['missing_values'],
                'longest_gap_s': measured['longest_gap_s']}
     info = {'name': path.stem, 'source': path.name}
     if released is not None:

@@ -27,7 +27,7 @@ def import_csv(map_file, out_dir, *, folder=None, name=None, attachments=None):
     Times, jitter included, are kept as the files give them: nothing is resampled. A missing value
     gives a marker that is not visible, a tool without a pose, a wrench or actuator left out.
     Returns a dict: bag, messages (topic -> number), streams (topic -> rate_Hz, jitter_ms,
-    longest_step_ms, rows, missing).
+    longest_step_ms, rows, missing_values).
     Raises ConfigError for the map, RecordingError (file:line:column) for the files.
     """
     map_file = Path(map_file)
@@ -39,6 +39,7 @@ def import_csv(map_file, out_dir, *, folder=None, name=None, attachments=None):
         for i, options in enumerate(getattr(column_map, kind)):
             where = f'{map_file}: {kind}[{i}]'
             _check_patterns(where, kind, options)
+            _check_lines(where, options.csv)
             if kind == 'forces':
                 _check_directions(where, options)
             table = read_table(folder / options.csv.path, options.csv)
@@ -57,6 +58,13 @@ def import_csv(map_file, out_dir, *, folder=None, name=None, attachments=None):
         for t, topic, sequence, data in merged:
             bag.write(topic, data, t, sequence=sequence)
     return {'bag': str(bag.directory), 'messages': bag.counts, 'streams': report}
+
+
+def _check_lines(where, options):
+    for key, low in (('header_line', 1), ('skip_below', 0)):
+        if getattr(options, key) < low:
+            raise ConfigError(f'{where}: csv.{key} is {getattr(options, key)}; must be at least '
+                              f'{low}')
 
 
 def _shifted(table, start):

@@ -72,11 +72,14 @@ def _nearest_edge(surface, points):
     return there[np.arange(len(points)), nearest]
 
 
-def crossing(mesh, patch):
-    """Return the surface edges (e, 2) on a disc's side of the body that cross its cylinder."""
+def crossing(mesh, patch, off_rim=ON_RIM):
+    """Return the surface edges (e, 2) on a disc's side of the body that cross its cylinder.
+
+    off_rim : of the radius, that both ends are farther than from the cylinder
+    """
     ends = np.unique(np.sort(_faces(mesh, patch)[:, FACE_EDGES].reshape(-1, 2), axis=1), axis=0)
     off = radii(mesh.nodes, patch)[0][ends] / patch.radius - 1.0
-    return ends[(off.prod(axis=1) < 0.0) & (np.abs(off) > ON_RIM).all(axis=1)]
+    return ends[(off.prod(axis=1) < 0.0) & (np.abs(off) > off_rim).all(axis=1)]
 
 
 def _faces(mesh, patch):

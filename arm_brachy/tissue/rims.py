@@ -18,7 +18,8 @@ from arm_brachy.tissue.meshing import mean_ratio
 # Elements flatter than this (mean ratio) are refused: their error constant exceeds ten times a
 # regular tetrahedron's, and a push soon inverts them.
 FLATTEST = 0.1
-ON_RIM = 1e-6        # of the radius: a node this close to a disc's cylinder is on it
+# Of the radius: a node this close to a disc's cylinder is on it; pads of scenes are rounded.
+ON_RIM = 1e-4
 RIM_POINTS = 96      # of the polyline that distances to a rim are taken from
 
 

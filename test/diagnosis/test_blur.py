@@ -1,5 +1,6 @@
 """What is said of a mesh that hides something."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from arm_brachy.diagnosis.blur import cut_rims, with_mesh
 from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.statements import StreamFit
 from arm_brachy.tissue.meshing import mesh_surface
+from arm_brachy.tissue.rims import frame
 
 SCENES = share_dir() / 'config/scenes'
 
@@ -22,6 +24,16 @@ def test_a_mesh_of_the_surface_alone_cuts_rims_that_the_scenes_own_follows():
     plain, _ = mesh_surface(SCENES / 'breast/breast.stl', edge_length=0.015)
     said, = cut_rims(specimen_of(scene, plain))
     assert all(pad.name in said for pad in scene.pads) and '--scene' in said
+
+
+@pytest.mark.parametrize(('off', 'cut'), [(1e-5, False), (3e-3, False), (0.1, True)])
+def test_a_scene_that_was_rounded_after_its_mesh_was_made_has_no_cut_rim(off, cut):
+    """Pads aside by parts of their radius: edges with an end hardly off the rim do not cut it."""
+    scene = load_scene(SCENES / 'breast.yaml')
+    aside = replace(scene, pads=tuple(
+        replace(pad, centre=tuple(np.add(pad.centre, off * pad.radius * frame(pad)[2][0])))
+        for pad in scene.pads))
+    assert bool(cut_rims(specimen_of(aside))) is cut
 
 
 def test_what_the_mesh_may_be_wrong_by_is_told_beside_the_noise():

@@ -64,6 +64,21 @@ def test_times_units_offset_and_lines(tmp_path):
     np.testing.assert_array_equal(out.lines, [3, 4])
 
 
+def test_a_line_of_units_below_the_names_is_skipped(tmp_path):
+    text = 't,x\ns,mm\n0,1\n1,2\n'
+    out = table(tmp_path, text, skip_below=1)
+    np.testing.assert_array_equal(out.column('x'), [1, 2])
+    np.testing.assert_array_equal(out.lines, [3, 4])
+    with pytest.raises(RecordingError, match=r"a.csv:2:t: 's' is no number.*skip_below: 1"):
+        table(tmp_path, text)
+
+
+def test_decimals_may_follow_a_comma(tmp_path):
+    out = table(tmp_path, 't;x\n0,5;-1,25\n1;2e-1\n', delimiter=';', decimal=',')
+    np.testing.assert_array_equal(out.column('x'), [-1.25, 0.2])
+    np.testing.assert_array_equal(out.t_ns, [500_000_000, 1_000_000_000])
+
+
 def test_unsorted_and_duplicates_on_request(tmp_path):
     text = 't,x\n2,20\n0,0\n1,10\n1,11\n'
     out = table(tmp_path, text, unsorted='sort', duplicates='first')

@@ -66,7 +66,7 @@ def positions(bag):
 def test_registered_in_metres_with_gaps_and_release(write_c3d, tmp_path, unit):
     path = write_c3d(unit=unit, hide=[(5, 1), (70, 2)])
     (report,) = import_c3d([path], tmp_path / 'out', OPTIONS, scene())['bags']
-    assert (report['frames'], report['rate_Hz'], report['missing']) == (100, 200.0, 2)
+    assert (report['frames'], report['rate_Hz'], report['missing_values']) == (100, 200.0, 2)
     assert max(report['registration_mm'].values()) < 1e-3  # single precision of the file
     t, x = positions(report['bag'])
     np.testing.assert_allclose(t, np.arange(100) / 200.0, atol=1e-9)
@@ -151,7 +151,7 @@ def test_silicone_beam(recordings, tmp_path):
     bags = import_c3d(files, tmp_path / 'out', options, beam)['bags']
     assert [b['frames'] for b in bags] == [500, 500, 600, 600]
     for report in bags:
-        assert (report['rate_Hz'], report['missing']) == (100.0, 0)
+        assert (report['rate_Hz'], report['missing_values']) == (100.0, 0)
         # the protocol's own figures: released in frames 45-73, fit leaves 0.3-2.0 mm
         assert 0.44 <= report['trigger_s'] <= 0.74
         assert 0.25 < min(report['registration_mm'].values())

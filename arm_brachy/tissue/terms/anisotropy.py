@@ -29,10 +29,11 @@ class Anisotropy(BodyTerm):
         source="Young's modulus up by two thirds along the fibres (engineering judgement: "
                'ligaments, or a fabric in a phantom); limits wider', neutral=0.0)
     azimuth: float = quantity(
-        0.0, 'deg', 'direction in the base plane, from x towards y', low=-180.0, high=180.0,
+        0.0, 'deg', 'direction in the x-y plane of the world, from x towards y', low=-180.0,
+        high=180.0,
         prior=('uniform', -90.0, 90.0), source='every axis once: a_0 and -a_0 are the same fibres')
     elevation: float = quantity(
-        0.0, 'deg', 'angle above the base plane, towards z', low=-90.0, high=90.0,
+        0.0, 'deg', 'angle above the x-y plane, towards z', low=-90.0, high=90.0,
         prior=('uniform', -90.0, 90.0), source='as azimuth')
 
     spec: ClassVar[TermSpec] = TermSpec(
