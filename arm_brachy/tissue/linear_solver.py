@@ -27,6 +27,10 @@ if ps.libmkl.MKL_CBWR_Set(_CBWR_AVX2):  # not zero: this processor has no AVX2
     ps.libmkl.MKL_CBWR_Set(_CBWR_COMPATIBLE)
 
 
+# Right-hand sides: of 24 000 unknowns, 128 take a third less time each than 2000 at once.
+AT_ONCE = 128
+
+
 class FactorisationFailed(ArmBrachyError):
     """A matrix that cannot be factorised as claimed: singular, or not positive definite."""
 
@@ -71,13 +75,20 @@ class Pardiso:
         """Return A^-1 b for b (size,) or (size, k); `factor` must have succeeded before."""
         if not self._factorised:
             raise FactorisationFailed('solve called without a factor; call factor first')
-        b = np.array(b, dtype=self._float, order='F')
+        b = np.asarray(b)
         if b.shape[0] != self.size:
             raise ValueError(f'right-hand side has {b.shape[0]} rows; must be {self.size}')
-        x = np.empty_like(b, order='F')
-        if b.size:
-            self._call(_SOLVE, b, x)
-        return np.ascontiguousarray(x, dtype=float)
+        x = np.zeros(b.shape)
+        if not b.size:
+            return x
+        columns, solved = (v.reshape(self.size, -1) for v in (b, x))
+        for first in range(0, columns.shape[1], AT_ONCE):
+            some = slice(first, first + AT_ONCE)
+            right = np.array(columns[:, some], dtype=self._float, order='F')
+            found = np.empty_like(right, order='F')
+            self._call(_SOLVE, right, found)
+            solved[:, some] = found
+        return x
 
     @property
     def flops_per_entry(self):
