@@ -85,6 +85,7 @@ class Equilibria:
     def __init__(self, body, options=None):
         self.body, self.solver = body, StaticSolver(body, options=options)
         self._pads, self._x = np.zeros((1, 3 * len(body.pads))), [body.mesh.nodes]
+        self._solved = {}
 
     def begin_from(self, other):
         """Begin from the states that another Equilibria of a mesh alike has found."""
@@ -113,9 +114,14 @@ class Equilibria:
                           tuple(found[k].outcome for k in back))
 
     def _solve(self, pads):
+        """The StaticSolution with pads (p, 3) [m]: each is found once."""
+        key = pads.tobytes()
+        if key in self._solved:
+            return self._solved[key]
         near = int(np.abs(self._pads - pads.ravel()).max(axis=1).argmin())
         solution = self.solver.follow(self._x[near], self.solver.held_positions(pads))
         if solution.outcome.ok:
+            self._solved[key] = solution
             if np.array_equal(self._pads[near], pads.ravel()):
                 self._x[near] = solution.x
             else:
