@@ -241,6 +241,19 @@ def test_a_mesh_for_the_pads_of_a_scene_without_any_is_refused(tmp_path):
     assert not (tmp_path / 'beam.msh').exists()
 
 
+def test_a_scene_is_checked_and_drawn(tmp_path):
+    scene = share_dir() / 'config/scenes/breast.yaml'
+    picture = tmp_path / 'breast.png'
+    answer = run('check', scene, '--picture', picture, '--json', tmp_path / 'check.json')
+    assert answer.exit_code == 0 and 'covers_percent' in answer.stdout
+    assert picture.read_bytes().startswith(b'\x89PNG')
+    rows = json.loads((tmp_path / 'check.json').read_text())['rows']
+    pads = [row for row in rows if 'pad' in row]
+    assert all(row['rim'] == 'followed' and 95.0 < row['covers_percent'] < 100.0 for row in pads)
+    refused = run('check', scene, '--picture', tmp_path / 'breast.jpg')
+    assert refused.exit_code == 2 and 'name a file that ends on .png' in refused.stderr
+
+
 def result(rows, targets=()):
     return Result('trial', 7, 'abc', 'here', tuple(rows), tuple(targets))
 

@@ -8,28 +8,22 @@ from dataclasses import replace
 import numpy as np
 
 from arm_brachy.diagnosis.wording import listed
-from arm_brachy.tissue.outlines import crossing
+from arm_brachy.tissue.scene_check import cut
 
 FINER = ('What the mesh may be wrong by is allowed for: what is smaller shows with a finer mesh, '
          'or with a recording of the same set-up in which nothing is wrong (--null).')
 
 
-# Of the radius: of edges with an end nearer to the rim the outline is as good as a polygon of 20
-# edges. A scene whose pads were rounded after its mesh was made has such.
-AS_GOOD = 0.01
-
-
 def cut_rims(specimen):
     """Sentences on bonded discs of a specimen.Specimen that its mesh holds by another outline."""
-    cut = [patch.name for patch in specimen.scene.pads
-           if patch.contact == 'bonded' and not patch.set
-           and len(crossing(specimen.mesh, patch, AS_GOOD))]
-    if not cut:
+    across = [patch.name for patch in specimen.scene.pads
+              if patch.contact == 'bonded' and not patch.set and cut(specimen.mesh, patch)]
+    if not across:
         return ()
-    return (f'The mesh cuts across the {"rim" if len(cut) == 1 else "rims"} of {listed(cut)} and '
-            'holds the tissue by another outline than the scene says: forces may be off by a '
-            'tenth and more, and the modulus with them. `arm-brachy mesh SURFACE MESH --scene '
-            'SCENE` makes a mesh that follows the rims of pads.',)
+    return (f'The mesh cuts across the {"rim" if len(across) == 1 else "rims"} of '
+            f'{listed(across)} and holds the tissue by another outline than the scene says: '
+            'forces may be off by a tenth and more, and the modulus with them. `arm-brachy mesh '
+            'SURFACE MESH --scene SCENE` makes a mesh that follows the rims of pads.',)
 
 
 def with_mesh(fits, ensemble, matched):

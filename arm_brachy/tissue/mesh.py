@@ -266,6 +266,17 @@ def embed(mesh, points, *, standoff=STANDOFF, names=None, onto_surface=False):
     return Embedding(elements, nodes, shape_values(weights, nodes.shape[1]) + off, gradients)
 
 
+def surface_distance(mesh, points):
+    """Return how far points (k, 3) [m] are from the surface of a TetMesh: (k,) [m], inside < 0."""
+    points = np.asarray(points, dtype=float).reshape(-1, 3)
+    nearest, _ = _nearest_on_surface(mesh, points)
+    inverse, origin = np.linalg.inv(edge_matrices(mesh.nodes, mesh.tets)), mesh.nodes[
+        mesh.tets[:, 0]]
+    inside = np.array([_barycentric(inverse, point - origin).min(axis=1).max() >= INSIDE
+                       for point in points], dtype=bool)
+    return np.where(inside, -1.0, 1.0) * np.linalg.norm(points - nearest, axis=1)
+
+
 def _on_corners(mesh, elements, weights, inverse):
     weights = np.clip(weights, 0.0, None)
     weights /= weights.sum(axis=1, keepdims=True)

@@ -1,0 +1,45 @@
+"""`arm-brachy check`: what a scene makes of its mesh, before anything is recorded."""
+
+from pathlib import Path
+
+import click
+
+from arm_brachy.cli.output import console, json_option, summary, working
+from arm_brachy.core.errors import InputError
+from arm_brachy.core.scene import load_scene
+from arm_brachy.diagnosis.figures import body_of
+from arm_brachy.evaluation.body_place import body_place
+from arm_brachy.tissue.build import build_body
+from arm_brachy.tissue.scene_check import body_row, pad_rows, point_rows
+
+
+@click.command()
+@click.argument('scene', type=click.Path())
+@click.option('--picture', type=click.Path(), metavar='FILE.png',
+              help='Also draw body, pads and markers from two sides.')
+@json_option
+def check(scene, picture, json_file):
+    """Say what a SCENE makes of its mesh: size, base, pads, markers.
+
+    Compare it with the rig: `base_normal` points from what is held into the body, a pad covers
+    nearly 100 % of its disc (its nodes' polygon is a little smaller; much less, and the pad is
+    beside the body or the mesh too coarse), a marker sits on the surface, a target is inside it
+    (< 0). A mesh that cuts a rim is made anew by `arm-brachy mesh --scene`.
+
+    \b
+    Example:
+      arm-brachy check config/scenes/breast.yaml --picture breast.png
+    """
+    if picture and not Path(picture).suffix.lower() == '.png':
+        raise InputError(f'{picture}: --picture writes PNG; name a file that ends on .png')
+    described = load_scene(scene)
+    with working(f'reading {scene}'):
+        body = build_body(described)
+        rows = [body_row(body), *pad_rows(described, body), *point_rows(described, body)]
+    result = summary(described.name, rows)
+    result.table(console)
+    if json_file:
+        result.to_json(json_file)
+    if picture:
+        body_place(body_of(described, body.mesh)).save(picture)
+        console.print(f'picture  {picture}', highlight=False)
