@@ -19,12 +19,14 @@ def clocks_of(prepared, pads, travel):
     no fault is drawn towards zero by what calibration leaves: states are taken by these clocks.
     """
     found, slack = {}, prepared.calibration.clock
+    shown = {one.pad for one in pads}
+    lost = tuple(i for i, pad in enumerate(prepared.evidence.pads) if pad not in shown)
     for kind, bodies in ((OPTICAL, prepared.evidence.pads), (OPTICAL, (TISSUE,)),
                          (EM, (TISSUE,)), (FORCE, prepared.evidence.pads)):
         stream, noise = prepared.on(kind, *bodies)
         if stream is not None and kind not in found:
             one = lateness(stream, travel, prepared.motion.touch, noise,
-                           memory=not (kind == OPTICAL and pads))
+                           memory=not (kind == OPTICAL and pads), lost=lost)
             if one is not None:
                 found[kind] = _believed(one, slack)
     return found

@@ -2,14 +2,17 @@
 
 A stream is regressed on the history of the encoders (powers, products, memories); that it is
 late by D shows as -D d/dt of the part so explained. Memories are fitted beside it, so that a
-tissue that relaxes is not taken for a clock: what decides are the corners of the motion.
+tissue that relaxes is not taken for a clock: what decides are the corners of the motion. So is
+lost motion of pads whose travel no marker shows: after every reversal they are late too, but stay
+off while they are held.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from arm_brachy.diagnosis.history import history_columns
+from arm_brachy.diagnosis.history import history_columns, moving, play
 from arm_brachy.diagnosis.regression import BLOCK, whitened
 
 REACH = 0.01       # s, over which slopes are taken
@@ -21,6 +24,7 @@ BETTER = 30.0      # in chi^2: a delay that far away is taken only if it explain
 LOUD = 1.5         # times its noise, rms, that a channel must follow the pads to be asked
 CLOSE = 0.05       # of the standard deviation, when to stop
 FEWEST = 50        # samples of a channel
+PLAYS = (1e-4, 3e-4, 1e-3)  # m of lost motion; any in between is nearly a mixture
 
 
 @dataclass(frozen=True)
@@ -32,12 +36,13 @@ class Lateness:
     channels: tuple
 
 
-def lateness(stream, travel, touch, noise, *, memory=True):
+def lateness(stream, travel, touch, noise, *, memory=True, lost=()):
     """Lateness of a Stream against `travel`; None if no channel follows the pads loudly enough.
 
     travel : (tt (m,) [s], q (m, p) [m]) of the pads, by the clock of reference
     touch : [m] less travel counts as none;  noise : noise.Noise of the stream
     memory : let the stream remember (forces, tissue); False for what is rigid
+    lost : numbers of pads that may have play
     The standard error is the largest of what the noise gives, of the block estimate over 1 s,
     which sees what the regressors do not explain, and of what the fall of chi^2 from no delay
     tells: what is far and hardly explains more was led there by something else. Delays up to
@@ -51,7 +56,7 @@ def lateness(stream, travel, touch, noise, *, memory=True):
     if not len(often) or len(t) < FEWEST:
         return None
     series = series_of(t, stream.values[inside][:, often], valid[:, often], noise.sd[often])
-    following = Following(t, *series, noise.colour, travel, touch, memory)
+    following = Following(t, *series, noise.colour, travel, touch, memory, lost)
     late = following.scanned()
     for _ in range(PASSES):
         step, error, loud = following.step(late)
@@ -92,7 +97,7 @@ class Following:
     """Series that follow the pads, regressed on where the encoders were some delay ago.
 
     t : (n,) [s] stamps;  y : (n, s) over the noise;  seen : (n, s) False where bridged
-    colour : of the noise;  travel, touch, memory : as in `lateness`
+    colour : of the noise;  travel, touch, memory, lost : as in `lateness`
     """
 
     t: np.ndarray
@@ -102,6 +107,7 @@ class Following:
     travel: tuple
     touch: float
     memory: bool
+    lost: tuple = ()
 
     def scanned(self):
         """The delay [s] on a grid from which to start, 0 unless another explains far more.
@@ -162,7 +168,15 @@ class Following:
     def _columns(self, late):
         """(n, 1 + p) a constant, and the history of the encoders."""
         columns = history_columns(self.t - late, self.travel, self.touch, memory=self.memory)
-        return np.stack([np.ones(len(self.t)), *columns.values()], axis=1)
+        plays = [np.interp(self.t - late, self.travel[0], gone) for gone in self._gone]
+        return np.stack([np.ones(len(self.t)), *columns.values(), *plays], axis=1)
+
+    @cached_property
+    def _gone(self):
+        """(m,) of each play that a pad may have: what is lost of it, 0 to 1."""
+        q = self.travel[1]
+        return [(q[:, i] - play(q[:, i], width)) / width
+                for i in moving(q, self.touch) if i in self.lost for width in PLAYS]
 
     def _white(self, columns):
         return whitened(self.t, columns, self.colour, np.ones(len(self.t), dtype=bool))

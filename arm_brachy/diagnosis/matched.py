@@ -8,7 +8,12 @@ from arm_brachy.diagnosis.baseline import Baseline
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.inertia import with_swing
 from arm_brachy.diagnosis.mesh_errors import NAMES
-from arm_brachy.diagnosis.model_error import path_errors, timing_errors, with_accuracy
+from arm_brachy.diagnosis.model_error import (
+    course_errors,
+    path_errors,
+    timing_errors,
+    with_accuracy,
+)
 from arm_brachy.diagnosis.nuisances import TOUCH, nuisances
 from arm_brachy.diagnosis.observables import Observables, channels_of, measured
 from arm_brachy.diagnosis.recorded import Recorded
@@ -19,7 +24,7 @@ from arm_brachy.diagnosis.tolerances import given_errors, joined, tolerances
 SLOW = 1.0          # s, about as long as rests between pushes are
 APART = 'apart_'    # what places begin with that are not the same in all recordings (`reglued`)
 # Nuisances of one recording alone; all others belong to the set-up and are the same in each.
-OWN = ('frame_', 'zero_em_', 'force_', 'clock_', TOUCH, 'timing_', 'path_', 'given',
+OWN = ('frame_', 'zero_em_', 'force_', 'clock_', TOUCH, 'timing_', 'path_', 'course_', 'given',
        'restless_', 'modulus_of_nulls', APART)
 # Of these, what is set anew before each: where the tracker stands, zeros, where pads touch.
 SET_UP = ('frame_', 'zero_em_', 'force_', TOUCH, APART)
@@ -115,7 +120,7 @@ def match(recorded, specimen, ensemble, terms=(), *, calibration=None, accuracy=
     parts = [nuisances(baseline, calibration, several=several),
              tolerances(baseline, calibration, recorded.structure.rhythm),
              given_errors(baseline, terms), timing_errors(baseline, recorded, accuracy),
-             ensemble.along(baseline)]
+             course_errors(baseline, recorded), ensemble.along(baseline)]
     if recorded.prepared.evidence.get(ENCODER).taken is not None:
         parts.append(path_errors(baseline, recorded))
     return Matched(recorded, baseline, observables, joined(*parts), swing=swing,

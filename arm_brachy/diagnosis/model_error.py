@@ -1,7 +1,7 @@
 """How well a model of tissue can do at best, besides the errors of its mesh (`mesh_errors`).
 
 What a mesh does wrong is the same at every push; here is what is not: interplay of pads, paths
-between the samples of an encoder.
+between the samples of an encoder, actuators that err from place to place.
 """
 
 from dataclasses import dataclass, replace
@@ -79,3 +79,28 @@ def path_errors(baseline, recorded):
             values[kind][i, ..., j] = change
     names = tuple(f'path_{encoder.names[c]}_{states.t[i]:.2f}' for i, c in which)
     return Nuisances(names, values)
+
+
+def course_errors(baseline, recorded):
+    """Return Nuisances: how far off the course of an uneven actuator may be that was put right.
+
+    recorded : recorded.Recorded. As many columns as its courses have modes; pads whose courses
+    are even have none.
+    """
+    encoder, pads = recorded.prepared.evidence.get(ENCODER), baseline.model.specimen.pads
+    values, names = {kind: [np.zeros((*shown.shape, 0))] for kind, shown in
+                     baseline.shown.items()}, []
+    for one in recorded.structure.pads:
+        if one.course is None:
+            continue
+        c, unit = encoder.names.index(one.pad), np.array([float(pad == one.pad) for pad in pads])
+        seen = encoder.valid[:, c]
+        unsure = one.course.unsure(np.interp(
+            baseline.t, encoder.t[seen], encoder.values[seen, c, 0]))
+        moved = [baseline.pads_moved(i, unit) for i in range(len(baseline.t))]
+        for kind, parts in values.items():
+            by = np.stack([change[kind] for change in moved])
+            parts.append(by[..., None] * unsure[:, None, None, :])
+        names += [f'course_{one.pad}_{k}' for k in range(unsure.shape[1])]
+    return Nuisances(tuple(names), {kind: np.concatenate(parts, axis=3)
+                                    for kind, parts in values.items()})

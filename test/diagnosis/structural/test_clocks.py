@@ -47,6 +47,19 @@ def test_a_shift_of_the_stamps_is_measured(prepared, name, shift):
         shift, abs=0.05 * abs(shift) + 2e-4)
 
 
+@pytest.mark.parametrize('name', ['tissue markers', 'em', 'force'])
+def test_play_that_no_marker_shows_is_no_lateness(recorded, laboratory, name):
+    """After a reversal a pad with 0.6 mm of it is late too; 5 to 6 ms were told, clocks right."""
+    entry = {'name': 'backlash', 'width_mm': 0.6, 'actuators': [0]}
+    prepared = prepare(evidence_of(recorded(entry), laboratory().scene))
+    kind, bodies = STREAMS[name]
+    stream, noise = prepared.on(kind, *bodies)
+    blind, found = (lateness(stream, prepared.travel, prepared.motion.touch, noise, lost=lost)
+                    for lost in ((), (0, 1, 2)))
+    assert abs(found.value) < 1e-3 + 3.0 * found.sd and found.sd < 3e-3
+    assert blind.value > found.value + 3e-3
+
+
 def test_a_delay_that_led_out_of_those_tried_is_no_estimate(prepared):
     """Of 3.5 s 3.1 were told: where the search ends, next to the best of it."""
     assert late(prepared, 'em', 3.5) is None

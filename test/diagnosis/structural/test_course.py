@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from arm_brachy.diagnosis.course import UNSURE
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.pad_travel import COMPLIANCE, pad_travels
 from arm_brachy.diagnosis.prepared import prepare
@@ -50,6 +51,20 @@ def test_a_screw_that_is_not_even_is_found_in_shape_and_nothing_else_blamed(unev
     assert first.course.chance < 1e-20
     assert all(abs(v) < 4.0 * sd for v, sd in first.causes.values()) and not first.steps
     assert all(one.course is None for one in others)
+
+
+def test_it_is_known_as_well_as_it_says(uneven):
+    """What is left of the course, by its modes, of which each has a standard deviation of one."""
+    evidence, true = uneven
+    course = travels(evidence)[0].course
+    shown = evidence.get(ENCODER).values[:, 0, 0]
+    left = (true - shown - course.error(shown))[::20]
+    modes = (course.unsure(shown) / UNSURE)[::20]
+    inside = (true > 2e-4)[::20]
+    size = np.linalg.norm(modes[inside], axis=1)
+    assert np.sqrt(np.mean((left[inside] / size)**2)) < 2.0
+    assert np.median(size) < 0.5 * HEIGHT
+    assert np.array_equal(course.unsure(np.zeros(1)), np.zeros((1, modes.shape[1])))
 
 
 @pytest.mark.parametrize('entry', [

@@ -1,11 +1,14 @@
 """What noise of the encoders leaves open of where the pads are is no cause's."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 
-from arm_brachy.diagnosis.model_error import path_errors
+from arm_brachy.diagnosis.course import Course
+from arm_brachy.diagnosis.model_error import course_errors, path_errors
 from arm_brachy.diagnosis.stream import ENCODER, FORCE
 
 LOUD = 1e-4     # m
@@ -39,3 +42,25 @@ def test_they_are_each_recordings_own(matched):
     found = path_errors(matched.baseline, matched.recorded)
     own = replace(matched, nuisances=found).own
     assert own.all()
+
+
+def test_a_course_that_is_another_is_explained_and_pads_that_go_evenly_have_none(matched):
+    """Where the encoder was put right by a wrong course the pad is elsewhere, in every state."""
+    assert course_errors(matched.baseline, matched.recorded).names == ()
+    baseline, recorded = matched.baseline, matched.recorded
+    encoder = recorded.prepared.evidence.get(ENCODER)
+    pad, knots = encoder.names[np.ptp(encoder.values[..., 0], axis=0).argmax()], np.linspace(
+        0.0, 0.01, 4)
+    modes = BSpline(np.pad(knots, 3, 'edge'), 1e-5 * np.diag([0.0, 1.0, 2.0, 3.0, 2.0, 1.0]), 3)
+    course = Course(BSpline(modes.t, np.zeros(6), 3), modes, 1e-4, 50.0, 0.0)
+    structure = replace(recorded.structure, pads=(SimpleNamespace(pad=pad, course=course),))
+    found = course_errors(baseline, replace(recorded, structure=structure))
+    u = np.interp(baseline.t, encoder.t, encoder.values[:, encoder.names.index(pad), 0])
+    share = np.array([0.3, -1.0, 0.5, 2.0, -0.4, 1.0])
+    off = course.unsure(u) @ share
+    unit = np.array([float(one == pad) for one in baseline.model.specimen.pads])
+    for i in (0, len(u) // 2, len(u) - 1):
+        moved = baseline.pads_moved(i, off[i] * unit)
+        for kind, change in moved.items():
+            np.testing.assert_allclose(found.values[kind][i] @ share, change, atol=1e-12)
+    assert np.abs(off).max() > 1e-5
