@@ -20,7 +20,8 @@ from arm_brachy.diagnosis.colour import SIGNIFICANT, Colour
 
 LONGEST_MEMORY = 2.0    # s of noise that is told from the tissue's past by its time alone
 LONGEST_SLOW = 12.0     # s, where channels have it independently of each other, or it is faint:
-FAINT = 0.25            # of the variance, in the middle one of few channels
+FAINT = 0.25            # of the variance: of a tracker that a witness speaks for,
+FAINT_OF_FEW = 0.35     # and of the middle one of few channels. Cells with 0.2 were seen at 0.29
 STEADY = 0.5            # of what the means of rests differ by: the body moved less than that. Own
                         # choice, with a silicone finger in sight: up to 0.2 in ten recordings
 PART = 0.25             # of the time from the first rest to the last: a longer memory is a drift
@@ -169,10 +170,10 @@ def _is_noise(colour, stream, rests, means):
     J R Stat Soc 98:536), with a variance of 2 (n - 1) / (n + 2) times the square of that. Axes of
     one channel may have noise in common.
     Where rests or channels are too few to tell, what lasts for LONGEST_MEMORY is taken for noise,
-    and what is FAINT: better nothing is said of a past that is no more than that.
+    and what is FAINT_OF_FEW: better nothing is said of a past that is no more than that.
     """
     if _few(means):
-        return colour.time < LONGEST_MEMORY or colour.share <= FAINT
+        return colour.time < LONGEST_MEMORY or colour.share <= FAINT_OF_FEW
     if colour.time >= _longest(rests):
         return False
     means, channel, spans = means

@@ -150,6 +150,15 @@ def test_of_few_cells_a_faint_memory_is_noise(seed):
     assert 3.0 < colour.time <= rest_colour.LONGEST_SLOW
 
 
+def test_of_few_cells_a_fifth_that_lasts_for_seconds_is_noise():
+    """Estimates scatter: of twelve recordings all but one."""
+    found = [over_rests(along_one_axis(noise_of(Colour(0.2, 5.0), 9200, draws(seed, 'fifth'))),
+                        FEW) for seed in range(12)]
+    assert sum(one is not None for one in found) >= 11
+    shares = [one[0].share for one in found if one is not None]
+    assert np.median(shares) == pytest.approx(0.2, abs=0.06)
+
+
 def test_of_few_cells_a_drift_and_a_past_that_are_loud_are_no_noise():
     rng = draws(8, 'cells')
     white, t = SD * rng.standard_normal((9200, 12)), PERIOD * np.arange(9200)[:, None]
