@@ -173,10 +173,14 @@ class Following:
 
     @cached_property
     def _gone(self):
-        """(m,) of each play that a pad may have: what is lost of it, 0 to 1."""
+        """(m,) of each play that a pad may have: what is lost of it, 0 to 1.
+
+        A pad that never comes back has shown none: it is where it touches.
+        """
         q = self.travel[1]
+        back = (np.maximum.accumulate(q, axis=0) - q).max(axis=0) > self.touch
         return [(q[:, i] - play(q[:, i], width)) / width
-                for i in moving(q, self.touch) if i in self.lost for width in PLAYS]
+                for i in moving(q, self.touch) if back[i] and i in self.lost for width in PLAYS]
 
     def _white(self, columns):
         return whitened(self.t, columns, self.colour, np.ones(len(self.t), dtype=bool))
