@@ -9,7 +9,7 @@ import numpy as np
 from arm_brachy import graph
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.paths import share_dir
-from arm_brachy.diagnosis.one_axis import reading_axis
+from arm_brachy.diagnosis.one_axis import measured_axes, reading_axis
 from arm_brachy.evaluation import regimes
 from arm_brachy.evaluation.assess import assess, to_result
 from arm_brachy.evaluation.report import write_report
@@ -149,11 +149,12 @@ def _as_cells_read(measured, model, names, pads):
     measured, model, single = measured.copy(), model.copy(), []
     pushes = {pad.name: pad.direction for pad in pads}
     for k, name in enumerate(names):
-        seen, push = np.isfinite(measured[:, k]).all(axis=1), pushes.get(name)
-        axis = None if push is None else reading_axis(measured[seen, k], push)
+        read, push = measured_axes(measured[:, [k]])[:, 0], pushes.get(name)
+        seen = np.isfinite(read).all(axis=1)
+        axis = None if push is None else reading_axis(read[seen], push)
         if axis is not None:
             single.append(name)
-            measured[:, k], model[:, k] = np.outer(measured[:, k] @ axis, push), np.outer(
+            measured[:, k], model[:, k] = np.outer(read @ axis, push), np.outer(
                 model[:, k] @ push, push)
     said = (f'The cells of {", ".join(single)} have one axis: forces are compared along their '
             'push. ') if single else ''

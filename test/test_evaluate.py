@@ -113,13 +113,15 @@ def test_force_rows_are_per_pad_and_component_in_newton():
     assert hold['rms_y_N'] == pytest.approx(0.02, rel=0.2)
 
 
-def test_cells_of_one_axis_are_compared_along_the_push():
+@pytest.mark.parametrize('others', [0.0, np.nan])
+def test_cells_of_one_axis_are_compared_along_the_push(others):
     """The model's force has a part across that such a cell does not see."""
     told = prediction(PUSH)
     predicted = replace(told, force=told.force + PUSH[:, None, None] * [[0.0, 150.0, -90.0]])
     seen = taken(predicted, force_gain=0.8)
     line = np.array([seen.pads[0].direction])
-    run = replace(seen, force=Series(T, (seen.force.values @ line[0])[..., None] * line))
+    along = (seen.force.values @ line[0])[..., None] * line
+    run = replace(seen, force=Series(T, np.where(line == 0.0, others, along)))
     data = comparisons(run, cell(), predicted)['force']
     assert 'press have one axis' in data.statement and 'one axis' not in comparisons(
         seen, cell(), predicted)['force'].statement

@@ -30,14 +30,14 @@ def check(scene, picture, json_file):
     Example:
       arm-brachy check config/scenes/breast.yaml --picture breast.png
     """
-    if picture and not Path(picture).suffix.lower() == '.png':
+    if picture and Path(picture).suffix.lower() != '.png':
         raise InputError(f'{picture}: --picture writes PNG; name a file that ends on .png')
     described = load_scene(scene)
     with working(f'reading {scene}'):
         body = build_body(described)
         rows = [body_row(body), *pad_rows(described, body), *point_rows(described, body)]
     result = summary(described.name, rows)
-    result.table(console)
+    result.table(console)   # not `show`: body, pads and points have columns of their own
     if json_file:
         result.to_json(json_file)
     if picture:

@@ -2,9 +2,9 @@
 
 A stream is regressed on the history of the encoders (powers, products, memories); that it is
 late by D shows as -D d/dt of the part so explained. Memories are fitted beside it, so that a
-tissue that relaxes is not taken for a clock: what decides are the corners of the motion. So is
-lost motion of pads whose travel no marker shows: after every reversal they are late too, but stay
-off while they are held.
+tissue that relaxes is not taken for a clock: what decides are the corners of the motion. Lost
+motion of pads whose travel no marker shows is fitted beside it as well: after every reversal they
+are late too, but stay off while they are held.
 """
 
 from dataclasses import dataclass, replace

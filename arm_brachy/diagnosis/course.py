@@ -96,5 +96,6 @@ def _splined(t, y, travel, others, count, valid, colour, sd):
 
 
 def _from_home(knots, coefficients):
-    spline = BSpline(knots, coefficients, DEGREE)
-    return BSpline(knots, coefficients - spline(0.0), DEGREE)
+    """The spline less its value at home, or where a pad that never comes home is nearest to it."""
+    home = BSpline(knots, coefficients, DEGREE)(np.clip(0.0, knots[0], knots[-1]))
+    return BSpline(knots, coefficients - home, DEGREE)

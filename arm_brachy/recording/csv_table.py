@@ -72,7 +72,7 @@ def read_table(path, options):
     length, a row without a time, and for unsorted or duplicate rows unless the options admit them.
     """
     header, lines, rows = _read_rows(path, options)
-    cells = _numbers(path, header, lines, rows, options.missing)
+    cells = _numbers(path, header, lines, rows, options)
     nothing = np.zeros(0, dtype=np.int64)
     table = Table(str(path), header, cells, lines, nothing, nothing)
     t_ns = _times(table, options)
@@ -113,7 +113,7 @@ def _read_rows(path, options):
                         f'{path}:{reader.line_num}: {len(row)} cells; must be {len(header)} as in '
                         'the header (a file cut off while it was written? delete the line)')
                 lines.append(reader.line_num)
-                rows.append([cell.replace(options.decimal, '.') for cell in row])
+                rows.append(row)
     except FileNotFoundError:
         raise RecordingError(f'{path}: no such file') from None
     except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
@@ -133,15 +133,16 @@ def _header(path, row, options):
     return header
 
 
-def _numbers(path, header, lines, rows, words):
+def _numbers(path, header, lines, rows, options):
     """Cells as floats (n, columns). Word by word only if need be: numpy is ten times faster."""
+    plain = not options.missing and options.decimal == '.'
     try:
-        cells = None if words else np.array(rows, dtype=float)
+        cells = np.array(rows, dtype=float) if plain else None
     except ValueError:
         cells = None
     if cells is None:
-        missing = MISSING.union(words)
-        cells = np.array([[_number(path, line, name, cell, missing)
+        missing = MISSING.union(options.missing)
+        cells = np.array([[_number(path, line, name, cell, missing, options.decimal)
                            for name, cell in zip(header, row, strict=True)]
                           for line, row in zip(lines, rows, strict=True)])
     bad = np.argwhere(np.isinf(cells))
@@ -151,12 +152,13 @@ def _numbers(path, header, lines, rows, words):
     return cells
 
 
-def _number(path, line, name, cell, missing):
+def _number(path, line, name, cell, missing, decimal):
     text = cell.strip()
     if text in missing or text.lower() in missing:
         return math.nan
     try:
-        return float(text)
+        # Where decimals follow a comma a point parts thousands, perhaps: no number is guessed.
+        return float(text if decimal == '.' else text.replace('.', ' ').replace(decimal, '.'))
     except ValueError:
         raise _bad_cell(path, line, name, cell) from None
 

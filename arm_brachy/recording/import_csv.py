@@ -65,6 +65,9 @@ def _check_lines(where, options):
         if getattr(options, key) < low:
             raise ConfigError(f'{where}: csv.{key} is {getattr(options, key)}; must be at least '
                               f'{low}')
+    if options.decimal == options.delimiter:
+        raise ConfigError(f'{where}: csv.decimal is {options.decimal!r}, as is csv.delimiter; '
+                          "must be another sign; give the delimiter, e.g. ';'")
 
 
 def _shifted(table, start):

@@ -7,32 +7,35 @@ import numpy as np
 
 from arm_brachy.core.scene import Scene
 from arm_brachy.tissue.body import SoftBody
+from arm_brachy.tissue.build import RIM
 from arm_brachy.tissue.mesh import boundary_faces, surface_distance
 from arm_brachy.tissue.meshing import mean_ratio
 from arm_brachy.tissue.outlines import crossing
 
 MM = 1e3
-# Of the radius: of edges with an end nearer to the rim the outline is as good as a polygon of 20
-# edges. A scene whose pads were rounded after its mesh was made has such.
-AS_GOOD = 0.01
+# Of the radius: nodes no farther out than that are held (`build`). A scene whose pads were rounded
+# after its mesh was made has such.
+ON_HELD = RIM - 1.0
+CLOSED = 1e-6       # of the area of a base, what its faces together have if they have no direction
 
 
 def body_row(body: SoftBody):
     """Size, quality and base of a SoftBody: a flat dict, units in its keys.
 
-    `base_normal` points into the body; the base is the faces all of whose nodes are held.
+    `base_normal` points into the body; the base is the faces all of whose nodes are held. Two
+    opposite clamps have none.
     """
     mesh, area = body.mesh, _areas(body.mesh, body.fixed)
     volume = np.sum(body.geometry.weights)
-    total = np.linalg.norm(area.sum(axis=0))
+    total, size = np.linalg.norm(area.sum(axis=0)), np.linalg.norm(area, axis=1).sum()
     return {
         'nodes': len(mesh.nodes), 'elements': len(mesh.tets),
         'size_mm': _triple(MM * np.ptp(mesh.nodes, axis=0), 1),
         'volume_cm3': 1e6 * float(volume),
         'worst_mean_ratio': float(mean_ratio(mesh).min()),
         'held_nodes': len(body.fixed),
-        'base_cm2': 1e4 * float(np.linalg.norm(area, axis=1).sum()),
-        'base_normal': _triple(-area.sum(axis=0) / total, 3) if total > 0.0 else 'none',
+        'base_cm2': 1e4 * float(size),
+        'base_normal': _triple(-area.sum(axis=0) / total, 3) if total > CLOSED * size else 'none',
     }
 
 
@@ -68,7 +71,7 @@ def point_rows(scene: Scene, body: SoftBody):
 
 def cut(mesh, patch):
     """True if surface edges of a TetMesh cross the rim of a core.scene.PadPatch."""
-    return bool(len(crossing(mesh, patch, AS_GOOD)))
+    return bool(len(crossing(mesh, patch, ON_HELD)))
 
 
 def _areas(mesh, nodes):

@@ -73,6 +73,15 @@ def test_a_line_of_units_below_the_names_is_skipped(tmp_path):
         table(tmp_path, text)
 
 
+def test_where_decimals_follow_a_comma_a_point_is_no_decimal(tmp_path):
+    """A thousand in such places; words for what is missing are compared as the file has them."""
+    options = {'delimiter': ';', 'decimal': ',', 'missing': ('-9999,0',)}
+    with pytest.raises(RecordingError, match=r"a.csv:2:x: '1\.234'"):
+        table(tmp_path, 't;x\n0;1.234\n', **options)
+    x = table(tmp_path, 't;x\n0;-9999,0\n1;1,5\n', **options).column('x')
+    np.testing.assert_array_equal(x, [np.nan, 1.5])
+
+
 def test_decimals_may_follow_a_comma(tmp_path):
     out = table(tmp_path, 't;x\n0,5;-1,25\n1;2e-1\n', delimiter=';', decimal=',')
     np.testing.assert_array_equal(out.column('x'), [-1.25, 0.2])

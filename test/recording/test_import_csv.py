@@ -105,6 +105,8 @@ def test_messages_are_ordered_by_time_across_files(rig):
     ("'q{key}_mm'", "'q{key_mm'", ConfigError, 'expected'),
     ('time_unit: ms', 'timeunit: ms', ConfigError, "did you mean 'time_unit'"),
     ('path: opt.csv', 'path: opt2.csv', RecordingError, 'no such file'),
+    ('path: opt.csv', "path: opt.csv, decimal: ','", ConfigError, 'as is csv.delimiter; must be'),
+    ('path: opt.csv', 'path: opt.csv, skip_below: -1', ConfigError, 'skip_below is -1; must be'),
 ])
 def test_mistakes_in_the_map(rig, old, new, error, words):
     (rig / 'map.yaml').write_text(MAP.replace(old, new))

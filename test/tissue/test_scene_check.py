@@ -32,6 +32,12 @@ def test_size_and_base_are_those_of_the_block(body):
     assert row['elements'] == 6 * 24 * 16 * 6 and 0.3 < row['worst_mean_ratio'] < 1.0
 
 
+def test_a_base_of_two_opposite_clamps_has_no_direction(body):
+    both = replace(body, fixed=np.union1d(body.mesh.node_sets['x0'], body.mesh.node_sets['x1']))
+    row = body_row(both)
+    assert row['base_normal'] == 'none' and row['base_cm2'] == pytest.approx(24.0, rel=1e-9)
+
+
 def test_a_pad_covers_the_faces_within_its_disc(body):
     """Faces of 2.5 mm whose corners are all within 10 mm: counted by hand on the grid."""
     row, = pad_rows(SCENE, body)

@@ -169,7 +169,11 @@ def test_a_wall_presses_in_its_one_direction(linear, encoder, monkeypatch):
     """The same as with the nodes free to go all three ways, which it pushes in one."""
     wall = next(hypothesis(by_name(name), **place) for name, place in SUPPORTS
                 if name == 'obstacle')
-    one, three = respond(Baseline(ForwardModel(linear), encoder, STATES), wall).values, None
+    at_rest = Baseline(ForwardModel(linear), encoder, STATES)
+    law, _ = interface.law_between(at_rest.model.body, wall.alone(0, wall.size).prepare(
+        at_rest.model.body))
+    assert law.along.shape == (1, 3)
+    one = respond(at_rest, wall).values
     with monkeypatch.context() as patch:
         patch.setattr(interface, '_shared', lambda normal: np.eye(3))
         three = respond(Baseline(ForwardModel(linear), encoder, STATES), wall).values

@@ -1,6 +1,7 @@
 """How late a stream is against the encoders: planted delays, and what must not look like one."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -58,6 +59,14 @@ def test_play_that_no_marker_shows_is_no_lateness(recorded, laboratory, name):
                     for lost in ((), (0, 1, 2)))
     assert abs(found.value) < 1e-3 + 3.0 * found.sd and found.sd < 3e-3
     assert blind.value > found.value + 3e-3
+
+
+def test_play_is_asked_of_the_pads_that_no_marker_shows(prepared, monkeypatch):
+    asked = []
+    monkeypatch.setattr(clock_findings, 'lateness',
+                        lambda *args, lost, **named: asked.append(lost))
+    clock_findings.clocks_of(prepared, [SimpleNamespace(pad='pad_1')], prepared.travel)
+    assert asked and set(asked) == {(0, 2)}
 
 
 def test_a_delay_that_led_out_of_those_tried_is_no_estimate(prepared):
