@@ -252,6 +252,8 @@ def test_a_scene_is_checked_and_drawn(tmp_path):
     assert all(row['rim'] == 'followed' and 95.0 < row['covers_percent'] < 100.0 for row in pads)
     refused = run('check', scene, '--picture', tmp_path / 'breast.jpg')
     assert refused.exit_code == 2 and 'name a file that ends on .png' in refused.stderr
+    refused = run('check', scene, '--picture', tmp_path / 'nowhere' / 'breast.png')
+    assert refused.exit_code == 2 and 'no such folder; make it first' in refused.stderr
 
 
 def result(rows, targets=()):

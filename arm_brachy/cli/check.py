@@ -1,10 +1,8 @@
 """`arm-brachy check`: what a scene makes of its mesh, before anything is recorded."""
 
-from pathlib import Path
-
 import click
 
-from arm_brachy.cli.output import console, json_option, summary, working
+from arm_brachy.cli.output import console, json_option, summary, working, writable
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis.figures import body_of
@@ -15,7 +13,7 @@ from arm_brachy.tissue.scene_check import body_row, pad_rows, point_rows
 
 @click.command()
 @click.argument('scene', type=click.Path())
-@click.option('--picture', type=click.Path(), metavar='FILE.png',
+@click.option('--picture', type=click.Path(), metavar='FILE.png', callback=writable,
               help='Also draw body, pads and markers from two sides.')
 @json_option
 def check(scene, picture, json_file):
@@ -30,7 +28,7 @@ def check(scene, picture, json_file):
     Example:
       arm-brachy check config/scenes/breast.yaml --picture breast.png
     """
-    if picture and Path(picture).suffix.lower() != '.png':
+    if picture and picture.suffix.lower() != '.png':
         raise InputError(f'{picture}: --picture writes PNG; name a file that ends on .png')
     described = load_scene(scene)
     with working(f'reading {scene}'):

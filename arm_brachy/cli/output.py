@@ -25,7 +25,7 @@ console = Console(soft_wrap=True, width=None if sys.stdout.isatty() else PIPE_WI
 errors = Console(stderr=True, soft_wrap=True)
 
 
-def _json_path(ctx, param, value):
+def writable(ctx, param, value):
     """Refuse a place that cannot be written before the work, not after it."""
     if value is None:
         return None
@@ -37,7 +37,7 @@ def _json_path(ctx, param, value):
     return path
 
 
-json_option = click.option('--json', 'json_file', type=click.Path(), callback=_json_path,
+json_option = click.option('--json', 'json_file', type=click.Path(), callback=writable,
                            metavar='FILE', help='Also write the result here, as JSON.')
 
 
