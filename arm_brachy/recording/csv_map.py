@@ -16,6 +16,8 @@ FORCE_UNITS = {'N': 1.0, 'mN': 1e-3}
 # What the recorded topic holds is the force on the tool: what the tissue does to the pad.
 FORCE_SIGNS = {'on_tool': 1.0, 'on_tissue': -1.0}
 
+Way = tuple[float, float, float]
+
 
 COLUMNS = 'pattern of the column names, any other signs as in the header: {key} and {axis}'
 NAMES = ("name in the scene -> key in the header, of those that this recording has; left out, the "
@@ -73,12 +75,14 @@ class Forces:
         'direction that of the push, is of sign on_tissue')
     unit: Literal['N', 'mN'] = word('of the values', default='N')
     axes: tuple[str, str, str] = word(AXES, default=('x', 'y', 'z'))
-    directions: dict[str, tuple[float, float, float]] = word(
+    directions: dict[str, Way] = word(
         'name in the scene -> axis along which a load cell of one axis counts as positive',
         default_factory=dict)
+    mounted: dict[str, tuple[Way, Way]] = word(
+        'name in the scene -> where x and z of a three-axis load cell point, in the axes of the '
+        'scene; cells left out have these axes', default_factory=dict)
     names: dict[str, str] = word(f'pads: {NAMES}', default_factory=dict)
-    frame: str = word('frame_id that is written; forces are not turned, and have to be in the '
-                      'axes of the scene', default='world')
+    frame: str = word('frame_id that is written; in the axes of the scene', default='world')
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from arm_brachy.core import config
 from arm_brachy.core.errors import ConfigError, RecordingError
 from arm_brachy.recording import encode
+from arm_brachy.recording.cell_axes import check_axes, force_vectors
 from arm_brachy.recording.csv_map import FORCE_SIGNS, FORCE_UNITS, LENGTH_UNITS, ColumnMap
 from arm_brachy.recording.csv_table import read_table
 from arm_brachy.recording.sampling import sampling
@@ -41,7 +42,8 @@ def import_csv(map_file, out_dir, *, folder=None, name=None, attachments=None):
             _check_patterns(where, kind, options)
             _check_lines(where, options.csv)
             if kind == 'forces':
-                _check_directions(where, options)
+                check_axes(where, options,
+                           'axis' in _placeholders(where, 'columns', options.columns))
             table = read_table(folder / options.csv.path, options.csv)
             t_ns = _shifted(table, column_map.start)
             topics, records = build(encoder, options, table, t_ns, report)
@@ -95,7 +97,7 @@ def _encoders(encoder, options, table, t_ns, report):
 
 
 def _forces(encoder, options, table, t_ns, report):
-    names, force = _force_vectors(options, table)
+    names, force = force_vectors(options, table)
     force = force * (FORCE_UNITS[options.unit] * FORCE_SIGNS[options.sign])
     topics = [f'/force/{name}/wrench' for name in names]
     known = np.isfinite(force).all(axis=2)
@@ -107,17 +109,6 @@ def _forces(encoder, options, table, t_ns, report):
             for i in np.flatnonzero(known[k]):
                 yield t, topics[i], k, encoder.wrench(t, options.frame, force[k, i])
     return [(topic, encode.WRENCH) for topic in topics], records()
-
-
-def _force_vectors(options, table):
-    """(names, forces (n, k, 3)), of cells of one axis along it."""
-    if not options.directions:
-        return table.columns(options.columns, options.names, options.axes)
-    names = options.names or {name: name for name in options.directions}
-    names, read = table.columns(options.columns, names)
-    ways = np.array([options.directions[name] for name in names])
-    ways = ways / np.linalg.norm(ways, axis=1, keepdims=True)
-    return names, read * ways
 
 
 def _optical(encoder, options, table, t_ns, report):
@@ -178,23 +169,6 @@ def _check_patterns(where, kind, options):
         if pattern and '{key}' not in pattern:
             raise ConfigError(f'{where}.{key} = {pattern!r}; must hold {{key}}, for which `names` '
                               "has the file's words, '' among them")
-
-
-def _check_directions(where, options):
-    """A cell of one axis has a direction and no columns by axis; others the other way round."""
-    ways = options.directions
-    if bool(ways) == ('axis' in _placeholders(where, 'columns', options.columns)):
-        raise ConfigError(
-            f'{where}.columns = {options.columns!r}; must hold {{axis}}, or have `directions` for '
-            'load cells of one axis, and not both')
-    for key, here, there in (('directions', ways, options.names), ('names', options.names, ways)):
-        lacking = sorted(set(there) - set(here))
-        if ways and options.names and lacking:
-            raise ConfigError(f'{where}.{key}: lacks {", ".join(lacking)}; must have every pad of '
-                              'this section, in `names` and in `directions`')
-    for name, way in ways.items():
-        if not np.linalg.norm(way) > 0.0:
-            raise ConfigError(f'{where}.directions.{name} = {list(way)}; must be a direction')
 
 
 def _placeholders(where, key, pattern):

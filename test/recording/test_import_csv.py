@@ -187,3 +187,40 @@ def test_cells_without_a_direction_are_refused_in_a_line(tmp_path, old, new, mes
     with pytest.raises(ConfigError, match=message) as refused:
         cells(tmp_path, old, new)
     assert '\n' not in str(refused.value) and 'cells.yaml' in str(refused.value)
+
+
+MOUNTED = """\
+name: cells
+forces:
+  - csv: {path: cells.csv, time: t}
+    columns: '{key}{axis}'
+    sign: on_tool
+    names: {a: A, b: B}
+    mounted: {a: [[0, 2, 0], [-1, 0, 0]]}
+"""
+
+
+def mounted(folder, old='', new=''):
+    (folder / 'cells.csv').write_text('t,Ax,Ay,Az,Bx,By,Bz\n0,1,2,3,1,2,3\n')
+    (folder / 'cells.yaml').write_text(MOUNTED.replace(old, new))
+    import_csv(folder / 'cells.yaml', folder / 'bag')
+    return {name: [(m.wrench.force.x, m.wrench.force.y, m.wrench.force.z) for _, m in BagReader(
+        folder / 'bag').messages([f'/force/{name}/wrench'])] for name in 'ab'}
+
+
+def test_cells_mounted_otherwise_are_turned_into_the_axes_of_the_scene(tmp_path):
+    found = mounted(tmp_path)
+    # x of the cell along +y, z along -x, hence y = z x x along -z.
+    np.testing.assert_allclose(found['a'], [(-3, 1, -2)], atol=1e-12)
+    np.testing.assert_allclose(found['b'], [(1, 2, 3)])
+
+
+@pytest.mark.parametrize(('old', 'new', 'message'), [
+    ('[-1, 0, 0]', '[-1, 1, 0]', r'forces\[0\].mounted.a = .*; must be two directions at right'),
+    ('[-1, 0, 0]', '[0, 0, 0]', 'must be two directions at right angles'),
+    ('[[0, 2, 0], [-1, 0, 0]]', '[[0, 2, 0]]', 'mounted.a .* must have 2 entries'),
+    ('mounted: {a', 'mounted: {c', r'forces\[0\].mounted: has c; must be a three-axis cell')])
+def test_a_mounting_that_is_none_is_refused_in_a_line(tmp_path, old, new, message):
+    with pytest.raises(ConfigError, match=message) as refused:
+        mounted(tmp_path, old, new)
+    assert '\n' not in str(refused.value) and 'cells.yaml' in str(refused.value)
