@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +14,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from rich.console import Console
+from ruamel.yaml import YAML
 
-from arm_brachy import __version__
+from arm_brachy import __version__, registry
 from arm_brachy.cli import COMMANDS, bags, main, output
 from arm_brachy.cli import run as cli_run
+from arm_brachy.cli.term_sheet import term_sheet
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import share_dir
+from arm_brachy.core.quantity import quantities
 from arm_brachy.core.scene import load_scene
 from arm_brachy.evaluation.result import Result, Target
 from arm_brachy.experiments.catalogue import EXPERIMENTS
@@ -146,6 +150,32 @@ def test_tables_are_markdown():
     for name in ('terms', 'nodes'):
         lines = run(name).stdout.splitlines()
         assert re.fullmatch(r'\|(---\|)+', lines[1]) and all(x.startswith('|') for x in lines)
+
+
+def test_one_term_says_what_a_scenario_needs_of_it():
+    answer = run('terms', 'inclusion').stdout
+    assert max(map(len, answer.splitlines())) < 100
+    assert 'typical     5; none of it: 1' in answer and 'allowed     0.1 at least' in answer
+    entry = YAML(typ='safe').load(answer[answer.index('terms: ['):])
+    term, = registry.parse_terms(entry['terms'], 'terms')
+    assert term.spec.name == 'inclusion'
+    assert "did you mean 'inclusion'" in run('terms', 'inclusoin').stderr
+
+
+def test_every_term_has_a_sheet():
+    for term in registry.TERMS:
+        sheet = term_sheet(term.spec.name)
+        assert all(info.key(name) in sheet for name, info in quantities(term).items())
+
+
+def test_long_work_is_told_of_once_in_a_log_and_quick_work_is_not(monkeypatch, capfd):
+    monkeypatch.setattr(output, 'QUICK', 0.05)
+    with output.working('slow'):
+        time.sleep(0.3)
+    with output.working('quick'):
+        pass
+    time.sleep(0.1)
+    assert capfd.readouterr().err == 'slow ...\n'
 
 
 def test_a_closed_pipe_is_quiet():

@@ -3,6 +3,7 @@
 import itertools
 import shutil
 import sys
+import threading
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from datetime import datetime
@@ -19,6 +20,7 @@ from arm_brachy.evaluation.result import Result, cell_text, commit_of, machine_d
 
 # A file or a pipe has no width; a table in it is never cut.
 PIPE_WIDTH = 1000
+QUICK = 5.0  # s
 BORDER = 3  # a rule and two spaces beside every cell of a table
 
 console = Console(soft_wrap=True, width=None if sys.stdout.isatty() else PIPE_WIDTH)
@@ -84,9 +86,23 @@ def _remove(folder, made):
             parent.rmdir()
 
 
+@contextmanager
 def working(text):
-    """Context: a line on the terminal that shows that something is going on."""
-    return errors.status(text)
+    """Context: a line on the terminal that shows that something is going on.
+
+    In a log or a pipe it is written once, and only of what takes longer than QUICK.
+    """
+    if errors.is_terminal:
+        with errors.status(text):
+            yield
+        return
+    late = threading.Timer(QUICK, lambda: errors.print(f'{text} ...', markup=False))
+    late.daemon = True
+    late.start()
+    try:
+        yield
+    finally:
+        late.cancel()
 
 
 def summary(name, rows, *, seed=None):

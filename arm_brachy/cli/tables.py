@@ -3,6 +3,7 @@
 import click
 
 from arm_brachy import graph, registry
+from arm_brachy.cli.term_sheet import term_sheet
 from arm_brachy.core.config import key_rows
 from arm_brachy.core.scene import Scene
 from arm_brachy.diagnosis.finding import Calibration
@@ -13,16 +14,18 @@ FILES = {'scene': Scene, 'scenario': Scenario, 'calibration': Calibration, 'colu
 
 
 @click.command()
-def terms():
-    """Print the table of physics terms.
+@click.argument('name', required=False)
+def terms(name):
+    """Print the table of physics terms, or all about one of them.
 
     Markdown: equation, parameters with units, range and prior, source, when it is invisible.
+    With NAME, that term in lines: also typical sizes, and how a scenario switches it on.
 
     \b
     Example:
-      arm-brachy terms
+      arm-brachy terms inclusion
     """
-    click.echo(registry.documentation_table().rstrip('\n'))
+    click.echo(term_sheet(name) if name else registry.documentation_table().rstrip('\n'))
 
 
 @click.command()

@@ -1,0 +1,80 @@
+"""One physics term as lines that fit a terminal: what, equation, parameters, how to switch it on.
+
+Test: test_cli.py
+"""
+
+import dataclasses
+import io
+import textwrap
+
+import numpy as np
+from ruamel.yaml import YAML
+
+from arm_brachy import registry
+from arm_brachy.core.quantity import UNITS, quantities
+from arm_brachy.diagnosis.hypothesis import strengths
+
+WIDTH = 96
+PRIORS = {'normal': 'normal, mean {:g}, standard deviation {:g}',
+          'lognormal': 'lognormal, median {:g}, log standard deviation {:g}',
+          'uniform': 'uniform, {:g} to {:g}'}
+
+
+def term_sheet(name):
+    """Return the text. Raises ConfigError with the nearest known name."""
+    term = registry.by_name(name)
+    spec = term.spec
+    parts = [f'{spec.name}: {spec.summary} ({spec.kind.value})', '',
+             *_named('equation', spec.equation), *_named('source', spec.source),
+             *_named('invisible', spec.invisible_when or 'never, as far as is known')]
+    for field in dataclasses.fields(term):
+        parts += _parameter(term, field)
+    return '\n'.join([*parts, '', 'in a scenario, under `plant` or `model`, e.g. all at their '
+                      'defaults:', _entry(term)])
+
+
+def _named(name, text, indent=12):
+    return textwrap.wrap(f'{name:<{indent - 2}}  {text}', WIDTH, subsequent_indent=' ' * indent,
+                         break_long_words=False)
+
+
+def _parameter(term, field):
+    infos = quantities(term)
+    if field.name not in infos:
+        return ['', field.name, f'    default     {field.default!r}']
+    info = infos[field.name]
+    bounds = (info.low, 'at least'), (info.high, 'at most')
+    limits = [f'{bound:g} {word}' for bound, word in bounds if bound is not None]
+    rows = {'allowed': ', '.join(limits) or 'any', 'prior': _prior(info),
+            'typical': _typical(term, field.name, info), 'source': info.source}
+    lines = ['', f'{info.key(field.name)} [{UNITS[info.unit][1]}]', *_indented(info.text)]
+    for name, text in rows.items():
+        if text:
+            lines += [f'    {line}' for line in _named(name, text)]
+    return lines
+
+
+def _indented(text):
+    return textwrap.wrap(text, WIDTH, initial_indent='    ', subsequent_indent='    ')
+
+
+def _prior(info):
+    return '' if info.prior is None else PRIORS[info.prior[0]].format(*info.prior[1:])
+
+
+def _typical(term, name, info):
+    """The size at which `diagnose` and `prove` meet it; '' of what says where, when or how."""
+    found = [one for one in strengths(term) if one.name == name]
+    if not found:
+        return ''
+    off = f'{info.neutral:g}' if np.isfinite(info.neutral) else 'infinite'
+    return f'{found[0].typical / info.scale:g}; none of it: {off}'
+
+
+def _entry(term):
+    out = io.StringIO()
+    yaml = YAML()
+    yaml.default_flow_style = True
+    yaml.width = 10 * WIDTH
+    yaml.dump({'terms': registry.to_entries([term()])}, out)
+    return textwrap.indent(out.getvalue().strip()[1:-1], '    ')
