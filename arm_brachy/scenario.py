@@ -16,8 +16,8 @@ from arm_brachy import registry
 from arm_brachy.control.manipulator import ManipulatorParams
 from arm_brachy.control.moves import Move, check_moves
 from arm_brachy.core import config
-from arm_brachy.core.complaint import line_of
 from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.place import Place, names_of, refuse_twice
 from arm_brachy.core.quantity import quantity
 from arm_brachy.core.scene import MeshFile, Scene, load_scene
 from arm_brachy.devices.actuator_driver import ActuatorParams
@@ -151,8 +151,8 @@ def resolve(scenario, path, source=None):
     """
     scene_path = (path.parent / scenario.scene).resolve()
     scene = load_scene(scene_path)
-    _check_scene(scene, _Place(scene_path))
-    _check_scenario(scenario, scene, _Place(path))
+    _check_scene(scene, Place(scene_path))
+    _check_scenario(scenario, scene, Place(path))
     cell = Cell(scenario, scene, _overlaid(scene, scenario.plant, path),
                 _overlaid(scene, scenario.model, path), _terms(scenario, source, path, 'plant'),
                 _terms(scenario, source, path, 'model'), path)
@@ -171,18 +171,6 @@ def _terms(scenario, source, path, side):
     return registry.parse_terms(entries, f'{path}: {side}.terms')
 
 
-class _Place:
-    """Turns keys of a file into `file:line: key` for messages."""
-
-    def __init__(self, path):
-        self._path = path
-
-    def __call__(self, *keys):
-        # read anew for its lines: only a message needs them; a Cell made in Python has no file
-        source = config.read_yaml(self._path) if self._path.is_file() else None
-        return f'{self._path}{line_of(source, keys)}: {".".join(str(k) for k in keys)}'
-
-
 def _overlaid(scene, overlay, path):
     material = scene.material
     if overlay.E is not None:
@@ -199,37 +187,17 @@ def _overlaid(scene, overlay, path):
 
 
 def _check_scene(scene, place):
-    _refuse_twice(place, _names(scene, 'pads'))
-    # markers and targets are the points of one body, told apart by name
-    _refuse_twice(place, {**_names(scene, 'markers'), **_names(scene, 'targets')})
-    for keys, name in {**_names(scene, 'pads'), **_names(scene, 'targets')}.items():
+    for keys, name in {**names_of(scene, 'pads'), **names_of(scene, 'targets')}.items():
         if not ROS_NAME.fullmatch(name):
             raise ConfigError(f'{place(*keys)} = {name!r}; must be letters, digits and _, a '
                               'letter first: it becomes part of a topic')
-    for i, pad in enumerate(scene.pads):
-        if not any(pad.direction):
-            raise ConfigError(f"{place('pads', i, 'direction')} = {list(pad.direction)}; must not "
-                              'be zero: it says where the pad pushes')
-
-
-def _names(owner, kind):
-    """Map keys of the file -> name for a tuple of named things."""
-    return {(kind, i, 'name'): item.name for i, item in enumerate(getattr(owner, kind))}
-
-
-def _refuse_twice(place, names):
-    seen = set()
-    for keys, name in names.items():
-        if name in seen:
-            raise ConfigError(f'{place(*keys)} = {name!r} is given twice; names must differ')
-        seen.add(name)
 
 
 def _check_scenario(scenario, scene, place):
     tools = {('em_tools', i): tool for i, tool in enumerate(scenario.em_tools)}
-    _refuse_twice(place, tools)
-    _refuse_twice(place, _names(scenario, 'tasks'))
-    _refuse_twice(place, _names(scenario, 'moves'))
+    refuse_twice(place, tools)
+    refuse_twice(place, names_of(scenario, 'tasks'))
+    refuse_twice(place, names_of(scenario, 'moves'))
     known = [t.name for t in scene.targets]
     goals = {('tasks', i, 'target'): t.target for i, t in enumerate(scenario.tasks)}
     for keys, name in {**goals, **tools}.items():

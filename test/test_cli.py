@@ -152,6 +152,13 @@ def test_tables_are_markdown():
         assert re.fullmatch(r'\|(---\|)+', lines[1]) and all(x.startswith('|') for x in lines)
 
 
+def test_an_import_that_no_diagnosis_could_use_is_refused_with_the_scene_at_hand(rig):
+    answer = run('import', 'csv', rig / 'map.yaml', '--out', rig / 'bag', '--scene',
+                 share_dir() / 'config/scenes/breast.yaml')
+    assert answer.exit_code == 2 and answer.stderr.count('\n') == 1
+    assert 'actuators' in answer.stderr and not (rig / 'bag').exists()
+
+
 def test_one_term_says_what_a_scenario_needs_of_it():
     answer = run('terms', 'inclusion').stdout
     assert max(map(len, answer.splitlines())) < 100

@@ -202,7 +202,13 @@ def test_a_wrong_term_is_told_by_its_line(files):
 
 
 def rename(kind, i, name):
-    return lambda scene: scene[kind][i].update(name=name)
+    def renamed(scene):
+        old = scene[kind][i]['name']
+        scene[kind][i]['name'] = name
+        for marker in scene['markers']:
+            if marker.get('body') == old:
+                marker['body'] = name
+    return renamed
 
 
 WRONG_SCENES = [
@@ -211,6 +217,8 @@ WRONG_SCENES = [
     (rename('targets', 2, 'target_1'), r"targets\.2\.name = 'target_1' is given twice"),
     (rename('targets', 0, 'tissue_1'), r"targets\.0\.name = 'tissue_1' is given twice"),
     (rename('targets', 0, 'my target'), "'my target'; must be letters, digits and _"),
+    (lambda scene: scene['markers'][0].update(body='pad1'),
+     r"scene\.yaml:\d+: markers\.0\.body = 'pad1'; must be one of tissue, base, pad_1, pad_2"),
     (rename('pads', 0, '1st'), "'1st'; must be letters, digits and _, a letter first"),
     (lambda scene: scene['pads'][2].update(direction=[0, 0, 0]),
      r'pads\.2\.direction = \[0\.0, 0\.0, 0\.0\]; must not be zero'),

@@ -6,7 +6,7 @@ from arm_brachy.cli.output import console, json_option, summary, working, writab
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis.figures import body_of
-from arm_brachy.evaluation.body_place import body_place
+from arm_brachy.evaluation.scene_plate import scene_plate
 from arm_brachy.tissue.build import build_body
 from arm_brachy.tissue.scene_check import body_row, pad_rows, point_rows
 
@@ -39,5 +39,5 @@ def check(scene, picture, json_file):
     if json_file:
         result.to_json(json_file)
     if picture:
-        body_place(body_of(described, body.mesh)).save(picture)
+        scene_plate(body_of(described, body.mesh)).save(picture)
         console.print(f'picture  {picture}', highlight=False)

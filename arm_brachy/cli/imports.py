@@ -7,6 +7,7 @@ import click
 from arm_brachy.cli.output import console, json_option, new_folder, show, summary, working
 from arm_brachy.core import config
 from arm_brachy.core.scene import load_scene
+from arm_brachy.diagnosis.evidence import load_evidence
 from arm_brachy.recording.import_c3d import C3dImport, import_c3d
 from arm_brachy.recording.import_csv import import_csv
 from arm_brachy.recording.scene_import import import_scene
@@ -31,8 +32,11 @@ def import_():
               help='Of the bag; new or empty.')
 @click.option('--name', help='Of the recording, where one map is for several. Default: that of '
                              'the map.')
+@click.option('--scene', type=click.Path(), metavar='FILE',
+              help='Scene that was recorded: what `diagnose` would refuse for it is refused here, '
+                   'and what it would leave out is told.')
 @json_option
-def csv_command(column_map, folder, out, name, json_file):
+def csv_command(column_map, folder, out, name, scene, json_file):
     """CSV files to a bag; COLUMN_MAP (YAML) says which column is what.
 
     Times, jitter included, are kept as they are. What is no number is refused by file, line and
@@ -43,8 +47,12 @@ def csv_command(column_map, folder, out, name, json_file):
       arm-brachy import csv config/imports/dome_rig.yaml \\
         --folder recordings/A --out runs/dome_rig_a
     """
+    recorded = load_scene(scene) if scene else None
     with new_folder(out) as bag, working(f'reading the files of {column_map}'):
         found = import_csv(column_map, bag, folder=folder, name=name)
+        notes = load_evidence([bag], recorded)[0].notes if recorded else ()
+    for note in (*(f'{file}: not there, left out' for file in found['absent']), *notes):
+        console.print(f'note  {note}', markup=False, highlight=False)
     rows = [{'stream': name, **figures} for name, figures in found['streams'].items()]
     show(summary('import csv', rows), json_file)
     console.print(f"bag  {found['bag']}  {sum(found['messages'].values())} messages",

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Literal
 
 from arm_brachy.core import config
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.place import Place, names_of, refuse_twice
 from arm_brachy.core.quantity import quantity, word
 
 
@@ -130,11 +132,28 @@ class Scene:
 def load_scene(path):
     """Read a scene file; the mesh path inside it is relative to the scene file.
 
-    Returns Scene with `mesh.file` made absolute. Raises ConfigError.
+    Returns Scene with `mesh.file` made absolute. Raises ConfigError, also for names given twice,
+    a pad without direction and a marker on something that the scene does not have.
     """
     path = Path(path)
     scene = config.load(Scene, path)
+    _check(scene, Place(path))
     return with_mesh(scene, (path.parent / scene.mesh.file).resolve(), scene.mesh.unit)
+
+
+def _check(scene, place):
+    refuse_twice(place, names_of(scene, 'pads'))
+    # markers and targets are the points of one body, told apart by name
+    refuse_twice(place, {**names_of(scene, 'markers'), **names_of(scene, 'targets')})
+    for i, pad in enumerate(scene.pads):
+        if not any(pad.direction):
+            raise ConfigError(f"{place('pads', i, 'direction')} = {list(pad.direction)}; must not "
+                              'be zero: it says where the pad pushes')
+    carriers = ('tissue', 'base', *(pad.name for pad in scene.pads))
+    for i, marker in enumerate(scene.markers):
+        if marker.body not in carriers:
+            raise ConfigError(f"{place('markers', i, 'body')} = {marker.body!r}; must be one of "
+                              f'{", ".join(carriers)}')
 
 
 def with_mesh(scene, mesh_file, unit='m'):

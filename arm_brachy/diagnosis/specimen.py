@@ -44,18 +44,13 @@ def specimen_of(scene, mesh=None):
     """Return the Specimen of a core.scene.Scene with pads; what follows has no inertia.
 
     mesh : TetMesh to use instead of the scene's file
-    Raises ConfigError for a scene without pads, for which there is no forward model here, and for
-    a marker on something that the scene does not have.
+    Raises ConfigError for a scene without pads, for which there is no forward model here.
     """
     if not scene.pads:
         raise ConfigError(f'scene {scene.name} has no pads; must have one at least: without '
                           'pads the path of the body is no function of the encoders')
     body = build_body(scene, mesh)
     carriers = tuple(m.body for m in scene.markers)
-    for marker in scene.markers:
-        if marker.body not in (TISSUE, BASE, *body.pad_names):
-            raise ConfigError(f'scene {scene.name}: marker {marker.name} is on {marker.body!r}; '
-                              f'must be one of {", ".join((TISSUE, BASE, *body.pad_names))}')
     rest = np.array([p.position for p in (*scene.markers, *scene.targets)]).reshape(-1, 3)
     return Specimen(scene, body.mesh, body, pad_directions(scene),
                     tuple(m.name for m in scene.markers), carriers,

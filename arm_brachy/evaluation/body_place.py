@@ -55,9 +55,9 @@ def body_place(body, spots=(), pads=(), markers=(), caption=''):
     faces = boundary_triangles(body.tets)
     size = np.ptp(body.rest, axis=0).max()
     for axis, view in zip(axes, VIEWS, strict=True):
-        _draw_surface(axis, view, body.rest, faces)
+        draw_surface(axis, view, body.rest, faces)
         for pad in body.pads:
-            _draw_pad(axis, view, pad, size, pad.name in pads)
+            draw_pad(axis, view, pad, size, pad.name in pads)
         _draw_markers(axis, view, body.markers, markers, unnamed=pads)
         for spot in spots:
             _draw_spot(axis, view, spot, below=bool(markers))
@@ -68,7 +68,7 @@ def body_place(body, spots=(), pads=(), markers=(), caption=''):
     return Plate('body_place', figure, caption)
 
 
-def _draw_surface(axis, view, rest, faces):
+def draw_surface(axis, view, rest, faces):
     """Faces turned towards the eye, far ones first, shaded so that the shape can be seen."""
     corners = rest[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -84,7 +84,7 @@ def _draw_surface(axis, view, rest, faces):
     axis.autoscale_view()
 
 
-def _draw_pad(axis, view, pad, size, pointed_out):
+def draw_pad(axis, view, pad, size, pointed_out):
     """An arrow that ends on the pad; a cross where it points away from the reader."""
     tip, along = np.asarray(pad.centre), np.asarray(pad.direction)
     color, weight = (GOAL, 'bold') if pointed_out else (INK, 'normal')

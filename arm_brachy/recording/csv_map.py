@@ -35,6 +35,8 @@ class CsvFile:
 
     path: str = word('relative to the map file, or to the folder given with it')
     time: str = word('name of the column of times')
+    optional: bool = word('true: recordings that lack the file are imported without it',
+                          default=False)
     time_unit: Literal['s', 'ms', 'us', 'ns'] = word('of that column', default='s')
     delimiter: str = word('between cells; a tab is "\\t", in double quotes', default=',')
     decimal: Literal['.', ','] = word('sign before the decimals', default='.')

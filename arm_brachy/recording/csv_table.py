@@ -1,6 +1,7 @@
 """Reads a table of numbers; whatever is not one is refused by file, line and column."""
 
 import csv
+import difflib
 import gzip
 import math
 import re
@@ -14,6 +15,7 @@ from arm_brachy.core.errors import RecordingError
 from arm_brachy.recording.csv_map import TIME_UNITS
 
 MISSING = frozenset({'', 'nan'})
+FEW = 12    # columns, to be named all
 
 
 @dataclass(frozen=True)
@@ -38,9 +40,15 @@ class Table:
     def index(self, name):
         """Return the position of a column in the header."""
         if name not in self.header:
-            raise RecordingError(f'{self.path}: no column {name!r}; the header has: '
-                                 f'{", ".join(self.header)}')
+            raise RecordingError(f'{self.path}: no column {name!r}; {self._offered(name)}')
         return self.header.index(name)
+
+    def _offered(self, name):
+        """What the header has, of long ones what is spelt nearly so."""
+        near = difflib.get_close_matches(name, self.header, n=3)
+        if near and len(self.header) > FEW:
+            return f'did you mean {" or ".join(map(repr, near))}? ({len(self.header)} columns)'
+        return f'the header has: {", ".join(self.header)}'
 
     def columns(self, pattern, names, axes=('',)):
         """Resolve a column pattern.

@@ -28,14 +28,14 @@ def import_csv(map_file, out_dir, *, folder=None, name=None, attachments=None):
     Times, jitter included, are kept as the files give them: nothing is resampled. A missing value
     gives a marker that is not visible, a tool without a pose, a wrench or actuator left out.
     Returns a dict: bag, messages (topic -> number), streams (topic -> rate_Hz, jitter_ms,
-    longest_step_ms, rows, missing_values).
+    longest_step_ms, rows, missing_values), absent (optional files that are not there).
     Raises ConfigError for the map, RecordingError (file:line:column) for the files.
     """
     map_file = Path(map_file)
     folder = map_file.parent if folder is None else Path(folder)
     column_map = config.load(ColumnMap, map_file)
     encoder = encode.Encoder()
-    streams, report = [], {}
+    streams, report, absent = [], {}, []
     for kind, build in _BUILDERS.items():
         for i, options in enumerate(getattr(column_map, kind)):
             where = f'{map_file}: {kind}[{i}]'
@@ -44,12 +44,16 @@ def import_csv(map_file, out_dir, *, folder=None, name=None, attachments=None):
             if kind == 'forces':
                 check_axes(where, options,
                            'axis' in _placeholders(where, 'columns', options.columns))
+            if options.csv.optional and not (folder / options.csv.path).exists():
+                absent.append(options.csv.path)
+                continue
             table = read_table(folder / options.csv.path, options.csv)
             t_ns = _shifted(table, column_map.start)
             topics, records = build(encoder, options, table, t_ns, report)
             streams.append((topics, records))
     if not streams:
-        raise ConfigError(f'{map_file}: names no file; give encoders, forces, optical or em')
+        raise ConfigError(f'{map_file}: names no file that is there; give encoders, forces, '
+                          f'optical or em{_absent_in(folder, absent)}')
     info = {'name': name or column_map.name, 'source': column_map.source, 'map': map_file.name}
     held = {'columns.yaml': map_file.read_text(encoding='utf-8'), **(attachments or {})}
     with BagWriter(out_dir, provenance=info, attachments=held) as bag:
@@ -59,7 +63,8 @@ def import_csv(map_file, out_dir, *, folder=None, name=None, attachments=None):
         merged = heapq.merge(*(records for _, records in streams), key=lambda record: record[0])
         for t, topic, sequence, data in merged:
             bag.write(topic, data, t, sequence=sequence)
-    return {'bag': str(bag.directory), 'messages': bag.counts, 'streams': report}
+    return {'bag': str(bag.directory), 'messages': bag.counts, 'streams': report,
+            'absent': absent}
 
 
 def _check_lines(where, options):
@@ -169,6 +174,10 @@ def _check_patterns(where, kind, options):
         if pattern and '{key}' not in pattern:
             raise ConfigError(f'{where}.{key} = {pattern!r}; must hold {{key}}, for which `names` '
                               "has the file's words, '' among them")
+
+
+def _absent_in(folder, files):
+    return f'; {folder} has no {", ".join(files)}' if files else ''
 
 
 def _placeholders(where, key, pattern):

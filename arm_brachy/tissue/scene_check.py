@@ -16,14 +16,14 @@ MM = 1e3
 # Of the radius: nodes no farther out than that are held (`build`). A scene whose pads were rounded
 # after its mesh was made has such.
 ON_HELD = RIM - 1.0
-CLOSED = 1e-6       # of the area of a base, what its faces together have if they have no direction
+ONE_WAY = 0.2       # of the area of a base, what its faces have together: less is no direction
 
 
 def body_row(body: SoftBody):
     """Size, quality and base of a SoftBody: a flat dict, units in its keys.
 
     `base_normal` points into the body; the base is the faces all of whose nodes are held. Two
-    opposite clamps have none.
+    opposite clamps and a rod through the body have none.
     """
     mesh, area = body.mesh, _areas(body.mesh, body.fixed)
     volume = np.sum(body.geometry.weights)
@@ -35,7 +35,7 @@ def body_row(body: SoftBody):
         'worst_mean_ratio': float(mean_ratio(mesh).min()),
         'held_nodes': len(body.fixed),
         'base_cm2': 1e4 * float(size),
-        'base_normal': _triple(-area.sum(axis=0) / total, 3) if total > CLOSED * size else 'none',
+        'base_normal': _triple(-area.sum(axis=0) / total, 3) if total > ONE_WAY * size else 'none',
     }
 
 

@@ -224,3 +224,15 @@ def test_a_mounting_that_is_none_is_refused_in_a_line(tmp_path, old, new, messag
     with pytest.raises(ConfigError, match=message) as refused:
         mounted(tmp_path, old, new)
     assert '\n' not in str(refused.value) and 'cells.yaml' in str(refused.value)
+
+
+def test_an_optional_file_may_be_missing(tmp_path):
+    (tmp_path / 'a.csv').write_text('t,q\n0,1\n1,2\n')
+    section = "- csv: {{path: {}.csv, time: t, optional: true}}\n    columns: '{{key}}'\n"
+    (tmp_path / 'map.yaml').write_text('name: some\nencoders:\n  ' + '  '.join(
+        section.format(name) for name in 'ab'))
+    found = import_csv(tmp_path / 'map.yaml', tmp_path / 'bag')
+    assert found['absent'] == ['b.csv'] and list(found['streams']) == ['/actuators/state']
+    (tmp_path / 'a.csv').unlink()
+    with pytest.raises(ConfigError, match=r'names no file that is there; .* has no a.csv, b.csv'):
+        import_csv(tmp_path / 'map.yaml', tmp_path / 'none')
