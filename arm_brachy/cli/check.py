@@ -14,15 +14,16 @@ from arm_brachy.tissue.scene_check import body_row, pad_rows, point_rows
 @click.command()
 @click.argument('scene', type=click.Path())
 @click.option('--picture', type=click.Path(), metavar='FILE.png', callback=writable,
-              help='Also draw body, pads and markers from two sides.')
+              help='Also draw body, pads and markers from four sides.')
 @json_option
 def check(scene, picture, json_file):
     """Say what a SCENE makes of its mesh: size, base, pads, markers.
 
-    Compare it with the rig: `base_normal` points from what is held into the body, a pad covers
-    nearly 100 % of its disc (its nodes' polygon is a little smaller; much less, and the pad is
-    beside the body or the mesh too coarse), a marker sits on the surface, a target is inside it
-    (< 0). A mesh that cuts a rim is made anew by `arm-brachy mesh --scene`.
+    Compare it with the rig: `base_normal` points from what is held into the body (none: that is
+    held from opposite sides, or all around), a pad covers nearly 100 % of its disc (its nodes'
+    polygon is a little smaller; much less, and the pad is beside the body or the mesh too coarse),
+    none of a pad's set is inside, a marker sits on the surface, a target is inside it (< 0). A
+    mesh that cuts a rim is made anew by `arm-brachy mesh --scene`.
 
     \b
     Example:

@@ -8,7 +8,7 @@ import numpy as np
 from arm_brachy.core.scene import Scene
 from arm_brachy.tissue.body import SoftBody
 from arm_brachy.tissue.build import RIM
-from arm_brachy.tissue.mesh import boundary_faces, surface_distance
+from arm_brachy.tissue.mesh import boundary_faces, surface_distance, with_midside
 from arm_brachy.tissue.meshing import mean_ratio
 from arm_brachy.tissue.outlines import crossing
 
@@ -43,9 +43,10 @@ def pad_rows(scene: Scene, body: SoftBody):
     """A row for each pad: its nodes, the share of its disc that they cover, how far it is off.
 
     `covers_percent` is seen along the push, of a disc of `radius`; `off_surface_mm` that of its
-    centre along the push to the nearest of its nodes.
+    centre along the push to the nearest of its nodes. Of a node set `inside` is how many of its
+    nodes are not on the surface, `off_set_mm` the way from its centre to the nearest of them.
     """
-    rows = []
+    rows, surface = [], with_midside(body.mesh, np.unique(boundary_faces(body.mesh)))
     for patch, pad in zip(scene.pads, body.pads, strict=True):
         covered = -float((_areas(body.mesh, pad.nodes) @ pad.direction).sum())
         off = float(np.abs((body.mesh.nodes[pad.nodes] - pad.centre) @ pad.direction).min())
@@ -54,6 +55,9 @@ def pad_rows(scene: Scene, body: SoftBody):
             row |= {'covers_percent': 100.0 * covered / (np.pi * patch.radius**2),
                     'rim': 'cut' if cut(body.mesh, patch) else 'followed',
                     'off_surface_mm': MM * off}
+        else:
+            away = np.linalg.norm(body.mesh.nodes[pad.nodes] - pad.centre, axis=1).min()
+            row |= {'inside': int((~np.isin(pad.nodes, surface)).sum()), 'off_set_mm': MM * away}
         rows.append(row)
     return rows
 

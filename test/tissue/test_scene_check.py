@@ -62,3 +62,18 @@ def test_surface_distance_is_to_the_nearest_face_edge_or_corner(body):
     points = [(0.03, 0.02, 0.015), (-0.003, 0.02, 0.034), (0.063, 0.044, 0.03), (0.0, 0.0, 0.0)]
     found = surface_distance(body.mesh, points)
     assert found == pytest.approx([-0.015, 0.005, 0.005, 0.0], abs=1e-12)
+
+
+def test_a_set_that_holds_nodes_inside_the_body_is_told():
+    """A group of a volume instead of its surface: all nodes of the half above z = 15 mm."""
+    mesh = box_mesh(SIZE, (24, 16, 6))
+    upper = np.flatnonzero((mesh.nodes[:, 2] > 0.0151) & (mesh.nodes[:, 0] > 0.003))
+    scene = replace(SCENE, pads=(replace(SCENE.pads[0], set='upper'),))
+    row, = pad_rows(scene, build_body(scene, replace(mesh, node_sets={
+        **mesh.node_sets, 'upper': upper})))
+    x = mesh.nodes[upper]
+    within = np.all((x > 1e-9) & (x < np.array(SIZE) - 1e-9), axis=1)
+    assert row['inside'] >= within.sum() > 0 and row['off_set_mm'] == pytest.approx(1.0)
+    top = replace(SCENE, fixed=Region('set', set='z0'),
+                  pads=(replace(SCENE.pads[0], set='z1'),))
+    assert pad_rows(top, build_body(top, mesh))[0]['inside'] == 0
