@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, Region, Scene
 from arm_brachy.devices.terms.actuator_gain import ActuatorGain
 from arm_brachy.devices.terms.actuator_lag import ActuatorLag
 from arm_brachy.devices.terms.backlash import Backlash
@@ -19,9 +20,13 @@ from arm_brachy.diagnosis.hypothesis import hypothesis
 from arm_brachy.diagnosis.interface import interface_change
 from arm_brachy.diagnosis.rates import Rates
 from arm_brachy.diagnosis.responses import respond, together
+from arm_brachy.diagnosis.specimen import specimen_of
+from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.registry import TERMS, by_name
 from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import StepFields
+from arm_brachy.tissue.box import box_mesh
+from arm_brachy.tissue.mesh import quadratic_mesh
 from arm_brachy.tissue.terms.anisotropy import Anisotropy
 from arm_brachy.tissue.terms.base_debond import BaseDebond
 from arm_brachy.tissue.terms.external_force import ExternalForce
@@ -180,6 +185,34 @@ def test_a_wall_presses_in_its_one_direction(linear, encoder, monkeypatch):
     for kind in ('optical', 'force'):
         assert np.abs(three[kind]).max() > 0.0
         assert np.linalg.norm(one[kind] - three[kind]) < 1e-3 * np.linalg.norm(three[kind])
+
+
+@pytest.fixture(scope='module')
+def slab():
+    """Specimen of a slab on a base of 625 nodes that a pad on top drags along."""
+    size = (0.06, 0.06, 0.02)
+    above = [(x, y, size[2]) for x in (0.01, 0.03, 0.05) for y in (0.01, 0.05)]
+    scene = Scene('slab', MeshFile('none.msh'), Region('set', set='z0'), material=Material(),
+                  pads=(PadPatch('drag', (0.03, 0.03, 0.02), (1.0, 0.0, -0.6), radius=0.012),),
+                  markers=tuple(Marker(f'm{i}', point) for i, point in enumerate(above)))
+    return specimen_of(scene, quadratic_mesh(box_mesh(size, (12, 12, 3))))
+
+
+@pytest.mark.parametrize(('name', 'place'), [
+    ('base_debond', {'centre': (0.03, 0.02, 0.0)}), ('base_compliance', {})])
+def test_corners_of_a_large_base_carry_the_middles_of_edges(slab, monkeypatch, name, place):
+    """The same answers, a little smaller: an interface is stiffer whose faces cannot bend."""
+    path = Path(np.array([0.0, 1.0, 2.0]), np.array([[0.0], [2e-3], [4e-3]]))
+    one = hypothesis(by_name(name), **place)
+    values = []
+    for many in (np.inf, 0):
+        monkeypatch.setattr(interface, 'MANY', many)
+        values.append(respond(Baseline(ForwardModel(slab), path, path.t[1:]), one).values)
+    every, few = values
+    for kind in ('optical', 'force'):
+        a, b = few[kind].ravel(), every[kind].ravel()
+        assert 0.8 < np.linalg.norm(a) / np.linalg.norm(b) < 1.0
+        assert a @ b > 0.99 * np.linalg.norm(a) * np.linalg.norm(b)
 
 
 @pytest.mark.parametrize(('name', 'place'), [SUPPORTS[0], SUPPORTS[2]])
