@@ -58,7 +58,7 @@ def step_scan(t, y, valid, colour, sd, nuisance=None, *, least=LEAST):
     columns = np.ones((len(t), 1)) if nuisance is None else np.column_stack(
         [np.ones(len(t)), nuisance])
     Q = _basis(whitened(t, columns, colour, valid))
-    W = whitened(t, bridged(t, y, valid, columns), colour, valid) / sd
+    W = whitened(t, bridged(t, y, valid, columns, colour), colour, valid) / sd
     left = W - Q @ (Q.T @ W)
     period = float(np.median(np.diff(t)))
     response = colour.whiten(period, np.ones(len(t)))

@@ -398,7 +398,7 @@ class Judge:
         """`singles`, those that promise most weighed, in their new order.
 
         Where the first is far ahead and leaves nothing, the others need not be, but for those
-        whose responses do as well.
+        whose responses do as well: as far as responses say, which may be `bent`.
         """
         ranked, asked = self.singles(), set()
         response = {one.causes: one.evidence for one in ranked}
@@ -406,7 +406,8 @@ class Judge:
             first = ranked[0]
             one = next((c for c in ranked if c.causes not in asked), first)
             far = (first.evidence - one.evidence >= self.rules.certain
-                   and response[first.causes] - one.evidence >= self.rules.rival)
+                   and response[first.causes] - one.evidence >= max(
+                       self.rules.rival, 2.0 * self.rules.bent * response[first.causes]))
             if one.evidence < self.rules.promising or one.causes in asked or (
                     far and self._check(first).chance >= self.rules.alarm):
                 break

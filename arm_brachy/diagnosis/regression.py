@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular, toeplitz
+from scipy.signal import lfilter
 
 BLOCK = 1.0         # s: errors further apart than this count as independent
 FEWEST_BLOCKS = 3   # per parameter, for standard errors from blocks
@@ -42,21 +43,36 @@ class Fit:
                                                      * self.covariance[j, j]))
 
 
-def bridged(t, y, valid, columns):
+def bridged(t, y, valid, columns, colour):
     """y (n, c) with rows that are not valid filled in, for filters that need a value everywhere.
 
     Filled with what ordinary least squares on the columns (n, p) explains, plus a straight line
-    between what it leaves at the valid rows: a gap during a motion then leaves no step behind.
+    between what it leaves on either side: a gap during a motion then leaves no step behind. Each
+    side is a mean as long as the whitening filter of `colour` remembers: one sample alone would
+    lend its noise to the whole gap, and what comes after would stand out from it.
     """
     size = np.abs(columns).max(axis=0)
     X = columns / np.where(size > 0.0, size, 1.0)
     beta = np.linalg.lstsq(X[valid], y[valid], rcond=1e-8)[0]
-    left = y - X @ beta
+    gap, rows = np.flatnonzero(~valid), np.flatnonzero(valid)
+    after = np.searchsorted(rows, gap)
+    before, after = rows[np.maximum(after - 1, 0)], rows[np.minimum(after, len(rows) - 1)]
+    _, m = colour.innovation(float(np.median(np.diff(t))))
+    left = np.where(valid[:, None], y - X @ beta, 0.0)
+    past, ahead = _recent(left, valid, m)[before], _recent(left[::-1], valid[::-1], m)[::-1][after]
+    apart = t[after] - t[before]
+    share = np.clip((t[gap] - t[before]) / np.where(apart > 0.0, apart, 1.0), 0.0, 1.0)[:, None]
+    first, last = (gap < rows[0])[:, None], (gap > rows[-1])[:, None]
+    share = np.where(first, 1.0, np.where(last, 0.0, share))
     out = np.array(y, dtype=float)
-    for c in range(out.shape[1]):
-        out[~valid, c] = np.interp(t[~valid], t[valid], left[valid, c])
-    out[~valid] += X[~valid] @ beta
+    out[gap] = (1.0 - share) * past + share * ahead + X[gap] @ beta
     return out
+
+
+def _recent(left, valid, m):
+    """(n, c) means of the valid rows up to each, every older one a factor m less in weight."""
+    weight = lfilter([1.0], [1.0, -m], valid.astype(float))
+    return lfilter([1.0], [1.0, -m], left, axis=0) / np.maximum(weight, 1e-300)[:, None]
 
 
 def whitened(t, columns, colour, valid):
@@ -92,7 +108,7 @@ def regress(t, y, columns, valid, colour, sd):
     size = np.abs(X).max(axis=0)
     scale = np.where(size > 0.0, size, 1.0)
     W = whitened(t, X / scale, colour, valid)
-    Y = whitened(t, bridged(t, y, valid, X), colour, valid) / sd
+    Y = whitened(t, bridged(t, y, valid, X, colour), colour, valid) / sd
     U, s, Vt = np.linalg.svd(W, full_matrices=False)
     kept = s > ALMOST * s[0]
     inverse = Vt[kept].T / s[kept]

@@ -33,7 +33,6 @@ def restricted_colour(t, y, valid, columns, least):
     Test: diagnosis/structural/test_restricted.py
     """
     X = _independent(columns, valid)
-    y = bridged(t, y, valid, X)
     period = float(np.median(np.diff(t)))
     span = np.log([SHORTEST * period, max(LONGEST * (t[-1] - t[0]), 2.0 * SHORTEST * period)])
 
@@ -59,7 +58,7 @@ def _independent(columns, valid):
 
 def _cost(t, y, valid, X, least, colour):
     """-log restricted likelihood, less a constant, at the likeliest standard deviations (c,)."""
-    both = whitened(t, np.column_stack([X, y]), colour, valid)
+    both = whitened(t, np.column_stack([X, bridged(t, y, valid, X, colour)]), colour, valid)
     W, Y = both[:, :X.shape[1]], both[:, X.shape[1]:]
     R = cholesky(W.T @ W)                # columns of X are orthonormal: no loss by squaring
     dof = max(int(valid.sum()) - X.shape[1], 1)

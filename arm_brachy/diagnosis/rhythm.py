@@ -148,8 +148,8 @@ def swinging(prepared, travel, late, jumps=()):
 def _common(prepared, stream, X, noise):
     """The Rhythm of all components of a stream, if it also shows while nothing pushes."""
     n, k, c = stream.values.shape
-    series = np.concatenate([bridged(stream.t, stream.values[:, i], stream.valid[:, i], X)
-                             for i in range(k)], axis=1)
+    series = np.concatenate([bridged(stream.t, stream.values[:, i], stream.valid[:, i], X,
+                                     noise.colour) for i in range(k)], axis=1)
     sd = np.full(k * c, float(noise.sd.mean()) / np.sqrt(max(stream.period / noise.period, 1.0)))
     left = series - X @ np.linalg.lstsq(X, series, rcond=1e-8)[0]
     everywhere = np.ones(n, dtype=bool)

@@ -30,6 +30,16 @@ def test_false_alarms_are_as_rare_as_stated(colour, c):
     assert alarms <= 26
 
 
+def test_a_long_gap_makes_no_step():
+    """Hidden for a fifth of the time: the sample on its edge lends its noise to no other."""
+    colour, rng, alarms = Colour(0.1, 1.5), stream(3, 'gap'), 0
+    for _ in range(300):
+        valid, k = np.ones(N, dtype=bool), rng.integers(50, N - 150)
+        valid[k:k + 100] = False
+        alarms += step_scan(T, noise(rng, colour, 3), valid, colour, np.ones(3)).chance < 0.05
+    assert alarms <= 26
+
+
 def test_the_bound_is_not_idle():
     """White noise, one series: 5 % of alarms by the bound are at least 2 % in truth."""
     rng = stream(3, 'bound')
