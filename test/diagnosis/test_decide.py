@@ -286,6 +286,26 @@ def test_a_full_fit_that_gains_more_goes_before_a_better_response(world):
         assert decision.accepted.weighed
 
 
+@pytest.mark.parametrize(('part', 'named'), [(0.15, 'like'), (0.6, 'cause_2')])
+def test_responses_of_a_strong_cause_rank_no_finer_than_they_bend(world, part, named):
+    """What fits 2 % worse by its response is weighed, what fits 25 % worse is not: the first one
+    leaves nothing and is far ahead."""
+    two, five = world.responses[2], world.responses[5]
+    across = five - two * (five @ two) / (two @ two)
+    across *= part * np.linalg.norm(two) / np.linalg.norm(across)
+    like = Explanation('like', '', 2.5 * (two + across)[:, None])
+    effect = two * 40.0 / np.linalg.norm(two)
+
+    def chosen(cause):
+        return cause in (2, 6)
+    judge = world.judge(effect, like, cause=chosen, check=quiet, weigh=lambda one: Gain(
+        *2 * [{'cause_2': 16.0, 'like': 600.0}.get(one.causes[0], 0.0)]))
+    first, second = judge.singles()[:2]
+    assert (first.causes, second.causes) == (('cause_2',), ('like',))
+    assert first.evidence - second.evidence > judge.rules.rival
+    assert judge.decide().accepted.causes[0] == named
+
+
 def test_full_fits_that_do_not_differ_or_settle_leave_a_class(world):
     like = Explanation('like', '', 2.5 * world.responses[2][:, None])
     for weigh in (lambda one: Gain(7.0, 7.0), lambda one: None):
