@@ -42,6 +42,10 @@ def csv_command(column_map, folder, out, name, scene, json_file):
     Times, jitter included, are kept as they are. What is no number is refused by file, line and
     column. The map's keys: `arm-brachy keys columns`, arm_brachy/recording/README.md.
 
+    Told of every stream: rate_Hz by the median period, jitter_ms the standard deviation of the
+    steps that are no gaps, the longest step, rows that are lost by that period, values that are
+    missing, and the longest gap of any of its markers, tools or pads.
+
     \b
     Example:
       arm-brachy import csv config/imports/dome_rig.yaml \\
