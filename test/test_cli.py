@@ -24,6 +24,7 @@ from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import share_dir
 from arm_brachy.core.quantity import quantities
 from arm_brachy.core.scene import load_scene
+from arm_brachy.diagnosis.hypothesis import strengths
 from arm_brachy.evaluation.result import Result, Target
 from arm_brachy.experiments.catalogue import EXPERIMENTS
 from arm_brachy.tissue.mesh import load_mesh
@@ -159,20 +160,22 @@ def test_an_import_that_no_diagnosis_could_use_is_refused_with_the_scene_at_hand
     assert 'actuators' in answer.stderr and not (rig / 'bag').exists()
 
 
-def test_one_term_says_what_a_scenario_needs_of_it():
+@pytest.mark.parametrize('name', [term.spec.name for term in registry.TERMS])
+def test_a_term_has_a_sheet_whose_lines_switch_it_on(name):
+    sheet, term = term_sheet(name), registry.by_name(name)
+    assert max(map(len, sheet.splitlines())) <= 99
+    assert all(info.key(field) in sheet for field, info in quantities(term).items())
+    entries = YAML(typ='safe').load(sheet[sheet.index('    terms:'):])['terms']
+    one, = registry.parse_terms(entries, 'terms')
+    assert isinstance(one, term)
+    assert any(np.ravel(getattr(one, s.name))[s.component or 0] != s.neutral
+               for s in strengths(term))
+
+
+def test_one_term_is_printed_with_its_typical_size():
     answer = run('terms', 'inclusion').stdout
-    assert max(map(len, answer.splitlines())) < 100
-    assert 'typical     5; none of it: 1' in answer and 'allowed     0.1 at least' in answer
-    entry = YAML(typ='safe').load(answer[answer.index('terms: ['):])
-    term, = registry.parse_terms(entry['terms'], 'terms')
-    assert term.spec.name == 'inclusion'
+    assert 'typical     5; none of it: 1' in answer and 'allowed     0.1 to 100' in answer
     assert "did you mean 'inclusion'" in run('terms', 'inclusoin').stderr
-
-
-def test_every_term_has_a_sheet():
-    for term in registry.TERMS:
-        sheet = term_sheet(term.spec.name)
-        assert all(info.key(name) in sheet for name, info in quantities(term).items())
 
 
 def test_long_work_is_told_of_once_in_a_log_and_quick_work_is_not(monkeypatch, capfd):

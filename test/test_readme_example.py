@@ -8,7 +8,8 @@ import pytest
 from arm_brachy.core.scene import load_scene
 from arm_brachy.recording.import_csv import import_csv
 
-FILES = {'motors.csv': 't_ms,E_pos_mm,W_pos_mm,E_load,W_load\n0,0,0,0,0\n10,1,0,2,0\n',
+FILES = {'motors.csv': 't_ms,E_pos_mm,W_pos_mm\n0,0,0\n10,1,0\n',
+         'cells.csv': 't_ms,E_load,W_load\n0,0,0\n10,2,0\n',
          'camera.csv': 'time,m1.X,m1.Y,m1.Z\n0,1,2,60\n0.02,-9999,-9999,-9999\n',
          'aurora.csv': 'time,lump_x,lump_y,lump_z\n0,5,3,28\n'}
 
@@ -34,3 +35,11 @@ def test_its_column_map_imports_every_stream(laboratory):
         '/actuators/state', '/force/east/wrench', '/force/west/wrench', '/optical/markers',
         '/em/lump/pose'}
     assert found['streams']['/optical/markers']['missing_values'] == 1
+
+
+def test_it_does_for_a_recording_without_cells_and_tools(laboratory):
+    for name in ('cells.csv', 'aurora.csv'):
+        (laboratory / name).unlink()
+    found = import_csv(laboratory / 'columns.yaml', laboratory / 'bag')
+    assert found['absent'] == ['cells.csv', 'aurora.csv']
+    assert set(found['streams']) == {'/actuators/state', '/optical/markers'}

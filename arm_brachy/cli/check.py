@@ -14,7 +14,7 @@ from arm_brachy.tissue.scene_check import body_row, pad_rows, point_rows
 @click.command()
 @click.argument('scene', type=click.Path())
 @click.option('--picture', type=click.Path(), metavar='FILE.png', callback=writable,
-              help='Also draw body, pads and markers from four sides.')
+              help='Also draw body, pads and markers from six sides.')
 @json_option
 def check(scene, picture, json_file):
     """Say what a SCENE makes of its mesh: size, base, pads, markers.

@@ -33,8 +33,8 @@ def import_():
 @click.option('--name', help='Of the recording, where one map is for several. Default: that of '
                              'the map.')
 @click.option('--scene', type=click.Path(), metavar='FILE',
-              help='Scene that was recorded: what `diagnose` would refuse for it is refused here, '
-                   'and what it would leave out is told.')
+              help='Scene that was recorded: what `diagnose` would refuse of the recording is '
+                   'refused here, and what it would leave out is told.')
 @json_option
 def csv_command(column_map, folder, out, name, scene, json_file):
     """CSV files to a bag; COLUMN_MAP (YAML) says which column is what.
@@ -54,13 +54,17 @@ def csv_command(column_map, folder, out, name, scene, json_file):
     recorded = load_scene(scene) if scene else None
     with new_folder(out) as bag, working(f'reading the files of {column_map}'):
         found = import_csv(column_map, bag, folder=folder, name=name)
-        notes = load_evidence([bag], recorded)[0].notes if recorded else ()
-    for note in (*(f'{file}: not there, left out' for file in found['absent']), *notes):
-        console.print(f'note  {note}', markup=False, highlight=False)
+        _note(f'{file}: not there, left out' for file in found['absent'])
+        _note(load_evidence([bag], recorded)[0].notes if recorded else ())
     rows = [{'stream': name, **figures} for name, figures in found['streams'].items()]
     show(summary('import csv', rows), json_file)
     console.print(f"bag  {found['bag']}  {sum(found['messages'].values())} messages",
                   highlight=False)
+
+
+def _note(notes):
+    for note in notes:
+        console.print(f'note  {note}', markup=False, highlight=False)
 
 
 @import_.command(name='c3d')

@@ -93,7 +93,7 @@ def working(text):
     In a log or a pipe it is written once, and only of what takes longer than QUICK.
     """
     if errors.is_terminal:
-        with errors.status(text):
+        with errors.status(escape(text)):
             yield
         return
     late = threading.Timer(QUICK, lambda: errors.print(f'{text} ...', markup=False))
@@ -103,6 +103,7 @@ def working(text):
         yield
     finally:
         late.cancel()
+        late.join()     # else it may be told of after its result
 
 
 def summary(name, rows, *, seed=None):

@@ -1,4 +1,4 @@
-"""One physics term as lines that fit a terminal: what, equation, parameters, how to switch it on.
+"""One physics term as lines that fit a wide terminal: what, equation, parameters, how to have it.
 
 Test: test_cli.py
 """
@@ -24,18 +24,17 @@ def term_sheet(name):
     """Return the text. Raises ConfigError with the nearest known name."""
     term = registry.by_name(name)
     spec = term.spec
-    parts = [f'{spec.name}: {spec.summary} ({spec.kind.value})', '',
+    parts = [*textwrap.wrap(f'{spec.name}: {spec.summary} ({spec.kind.value})', WIDTH), '',
              *_named('equation', spec.equation), *_named('source', spec.source),
              *_named('invisible', spec.invisible_when or 'never, as far as is known')]
     for field in dataclasses.fields(term):
         parts += _parameter(term, field)
-    return '\n'.join([*parts, '', 'in a scenario, under `plant` or `model`, e.g. all at their '
-                      'defaults:', _entry(term)])
+    return '\n'.join([*parts, '', 'in a scenario, under `plant` or `model`:', _entry(term)])
 
 
-def _named(name, text, indent=12):
-    return textwrap.wrap(f'{name:<{indent - 2}}  {text}', WIDTH, subsequent_indent=' ' * indent,
-                         break_long_words=False)
+def _named(name, text, before=''):
+    return textwrap.wrap(f'{before}{name:<10}  {text}', WIDTH, break_long_words=False,
+                         subsequent_indent=before + 12 * ' ')
 
 
 def _parameter(term, field):
@@ -43,14 +42,12 @@ def _parameter(term, field):
     if field.name not in infos:
         return ['', field.name, f'    default     {field.default!r}']
     info = infos[field.name]
-    bounds = (info.low, 'at least'), (info.high, 'at most')
-    limits = [f'{bound:g} {word}' for bound, word in bounds if bound is not None]
-    rows = {'allowed': ', '.join(limits) or 'any', 'prior': _prior(info),
+    rows = {'allowed': info.allowed(), 'prior': _prior(info),
             'typical': _typical(term, field.name, info), 'source': info.source}
     lines = ['', f'{info.key(field.name)} [{UNITS[info.unit][1]}]', *_indented(info.text)]
     for name, text in rows.items():
         if text:
-            lines += [f'    {line}' for line in _named(name, text)]
+            lines += _named(name, text, before='    ')
     return lines
 
 
@@ -71,10 +68,17 @@ def _typical(term, name, info):
     return f'{found[0].typical / info.scale:g}; none of it: {off}'
 
 
+def present(term):
+    """The term with its first strength at its typical size, all else at its defaults."""
+    one = strengths(term)[0]
+    size = one.typical
+    if one.component is not None:
+        size = tuple(size if i == one.component else one.neutral for i in range(3))
+    return dataclasses.replace(term(), **{one.name: size})
+
+
 def _entry(term):
-    out = io.StringIO()
-    yaml = YAML()
-    yaml.default_flow_style = True
-    yaml.width = 10 * WIDTH
-    yaml.dump({'terms': registry.to_entries([term()])}, out)
-    return textwrap.indent(out.getvalue().strip()[1:-1], '    ')
+    out, yaml = io.StringIO(), YAML()
+    yaml.default_flow_style = None      # lists in a line, keys in lines of their own
+    yaml.dump({'terms': registry.to_entries([present(term)])}, out)
+    return textwrap.indent(out.getvalue().rstrip(), '    ')

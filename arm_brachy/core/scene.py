@@ -9,6 +9,8 @@ from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.place import Place, names_of, refuse_twice
 from arm_brachy.core.quantity import quantity, word
 
+TISSUE, BASE = 'tissue', 'base'     # what a marker may be glued to, besides a pad
+
 
 @dataclass(frozen=True)
 class MeshFile:
@@ -83,7 +85,7 @@ class Marker:
     position: tuple = quantity(None, 'mm', 'on the stress-free body, world frame; up to 8 mm '
                                'off the tissue, it rides on the nearest surface; on a pad or the '
                                'base, which are rigid, anywhere', shape=(3,))
-    body: str = word('what it is glued to: tissue, base or the name of a pad', default='tissue')
+    body: str = word('what it is glued to: tissue, base or the name of a pad', default=TISSUE)
 
 
 @dataclass(frozen=True)
@@ -137,11 +139,12 @@ def load_scene(path):
     """
     path = Path(path)
     scene = config.load(Scene, path)
-    _check(scene, Place(path))
+    check_scene(scene, Place(path))
     return with_mesh(scene, (path.parent / scene.mesh.file).resolve(), scene.mesh.unit)
 
 
-def _check(scene, place):
+def check_scene(scene, place):
+    """Refuse what a schema cannot see, with a ConfigError; place : a place.Place."""
     refuse_twice(place, names_of(scene, 'pads'))
     # markers and targets are the points of one body, told apart by name
     refuse_twice(place, {**names_of(scene, 'markers'), **names_of(scene, 'targets')})
@@ -149,7 +152,7 @@ def _check(scene, place):
         if not any(pad.direction):
             raise ConfigError(f"{place('pads', i, 'direction')} = {list(pad.direction)}; must not "
                               'be zero: it says where the pad pushes')
-    carriers = ('tissue', 'base', *(pad.name for pad in scene.pads))
+    carriers = (TISSUE, BASE, *(pad.name for pad in scene.pads))
     for i, marker in enumerate(scene.markers):
         if marker.body not in carriers:
             raise ConfigError(f"{place('markers', i, 'body')} = {marker.body!r}; must be one of "

@@ -398,13 +398,14 @@ class Judge:
         """`singles`, those that promise most weighed, in their new order.
 
         Where the first is far ahead and leaves nothing, the others need not be, but for those
-        whose responses do as well: as far as responses say, which may be `bent`.
+        whose responses do nearly as well.
         """
         ranked, asked = self.singles(), set()
         response = {one.causes: one.evidence for one in ranked}
         for _ in range(self.rules.weighed):
             first = ranked[0]
             one = next((c for c in ranked if c.causes not in asked), first)
+            # a part `bent` of an effect is twice that part of its evidence, which is quadratic
             far = (first.evidence - one.evidence >= self.rules.certain
                    and response[first.causes] - one.evidence >= max(
                        self.rules.rival, 2.0 * self.rules.bent * response[first.causes]))

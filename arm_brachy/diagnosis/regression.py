@@ -49,7 +49,8 @@ def bridged(t, y, valid, columns, colour):
     Filled with what ordinary least squares on the columns (n, p) explains, plus a straight line
     between what it leaves on either side: a gap during a motion then leaves no step behind. Each
     side is a mean as long as the whitening filter of `colour` remembers: one sample alone would
-    lend its noise to the whole gap, and what comes after would stand out from it.
+    lend its noise to the whole gap, and what comes after would stand out from it. What drifts
+    without a column for it is met as late as that. Some row has to be valid.
     """
     size = np.abs(columns).max(axis=0)
     X = columns / np.where(size > 0.0, size, 1.0)

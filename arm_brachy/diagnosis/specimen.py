@@ -1,12 +1,14 @@
 """A scene's body with what is attached to it, built once for all hypotheses about it."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from arm_brachy.cell import pad_directions
 from arm_brachy.core.errors import ConfigError
-from arm_brachy.core.scene import Scene
+from arm_brachy.core.place import Place
+from arm_brachy.core.scene import Scene, check_scene
 from arm_brachy.diagnosis.stream import BASE, TISSUE
 from arm_brachy.tissue.body import SoftBody, TetMesh
 from arm_brachy.tissue.build import build_body, placement_mesh
@@ -44,11 +46,13 @@ def specimen_of(scene, mesh=None):
     """Return the Specimen of a core.scene.Scene with pads; what follows has no inertia.
 
     mesh : TetMesh to use instead of the scene's file
-    Raises ConfigError for a scene without pads, for which there is no forward model here.
+    Raises ConfigError for a scene without pads, for which there is no forward model here, and for
+    one that names what it does not have.
     """
     if not scene.pads:
         raise ConfigError(f'scene {scene.name} has no pads; must have one at least: without '
                           'pads the path of the body is no function of the encoders')
+    check_scene(scene, Place(Path(f'scene {scene.name}')))
     body = build_body(scene, mesh)
     carriers = tuple(m.body for m in scene.markers)
     rest = np.array([p.position for p in (*scene.markers, *scene.targets)]).reshape(-1, 3)

@@ -4,9 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from arm_brachy.core import scene
+
 ENCODER, FORCE, OPTICAL, EM = 'encoder', 'force', 'optical', 'em'
 UNITS = {ENCODER: 'm', FORCE: 'N', OPTICAL: 'm', EM: 'm'}
-TISSUE, BASE = 'tissue', 'base'
+TISSUE, BASE = scene.TISSUE, scene.BASE
 REMAINS = 0.5     # of white noise, that straight pieces leave where pads move (test_steadied)
 
 

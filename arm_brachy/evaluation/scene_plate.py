@@ -1,4 +1,4 @@
-"""A scene as its author can compare it with the rig: from four sides, all that it names."""
+"""A scene as its author can compare it with the rig: from six sides, pads and markers by name."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -8,23 +8,24 @@ from arm_brachy.evaluation.body_view import HALO, VIEWS, View, on_paper
 from arm_brachy.evaluation.deformation import boundary_triangles
 from arm_brachy.evaluation.style import GOAL, Plate, new_figure, styled
 
-# Behind the two of all figures: the other side, and along the third axis.
-SIDES = (*VIEWS, View('from the side (along −y)', 0, 2, (0, 1, 0)),
-         View('from the end (along −x)', 1, 2, (1, 0, 0)))
-MIRRORED = 2        # of SIDES: x runs to the left there
+SIDES = (*VIEWS, View('from the end (along −x)', 1, 2, (1, 0, 0)),
+         View('from below (along +z)', 0, 1, (0, 0, -1)),
+         View('from the side (along −y)', 0, 2, (0, 1, 0)),
+         View('from the end (along +x)', 1, 2, (-1, 0, 0)))
+MIRRORED = 3        # of SIDES, from there on: what is across runs to the left
 FACING = 0.15       # cosine from which on a spot of the surface can be seen
 
 
 @styled
 def scene_plate(body):
-    """The surface of a body_place.Body from four sides, pads and markers by their names.
+    """The surface of a body_place.Body from six sides, pads and markers by their names.
 
     A marker is drawn where the surface under it faces the eye.
     """
     faces = boundary_triangles(body.tets)
-    figure = new_figure(9.5, 7.5)
+    figure = new_figure(13.0, 8.5)
     size = np.ptp(body.rest, axis=0).max()
-    for i, (axis, view) in enumerate(zip(figure.subplots(2, 2).ravel(), SIDES, strict=True)):
+    for i, (axis, view) in enumerate(zip(figure.subplots(2, 3).ravel(), SIDES, strict=True)):
         draw_surface(axis, view, body.rest, faces)
         for pad in body.pads:
             draw_pad(axis, view, pad, size, pointed_out=False)
@@ -33,9 +34,9 @@ def scene_plate(body):
         axis.set(xlabel=f'{"xyz"[view.across]} / mm', ylabel=f'{"xyz"[view.up]} / mm')
         axis.set_aspect('equal', adjustable='box')
         axis.margins(0.15)
-        if i == MIRRORED:
+        if i >= MIRRORED:
             axis.invert_xaxis()
-    return Plate('scene', figure, 'The scene from four sides: pads and the way they push, markers '
+    return Plate('scene', figure, 'The scene from six sides: pads and the way they push, markers '
                                   'by their names.')
 
 

@@ -5,19 +5,24 @@ Test: recording/test_import_csv.py
 
 import numpy as np
 
-from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.errors import ConfigError, RecordingError
 
-SQUARE = 0.02   # cosine of 89 degrees: axes as people write them down
+SQUARE = 0.02   # cosine: a degree off, axes as people write them down
 
 
 def force_vectors(options, table):
     """Return (names, forces (n, k, 3)) of csv_map.Forces in the axes of the scene, as counted.
 
     Cells of one axis give vectors along it, those of three are turned as they are mounted.
+    Raises RecordingError for a mounting of a cell that the file does not have.
     """
     if options.directions:
         return _along_one_axis(options, table)
     names, read = table.columns(options.columns, options.names, options.axes)
+    strange = [name for name in options.mounted if name not in names]
+    if strange:
+        raise RecordingError(f'{table.path}: has the cells {", ".join(names)}; `mounted` has '
+                             f'{", ".join(strange)} as well: it must name some of these')
     turns = [_axes(*options.mounted[name]) if name in options.mounted else np.eye(3)
              for name in names]
     return names, np.einsum('nkj,kji->nki', read, np.array(turns))

@@ -48,7 +48,12 @@ class Table:
         near = difflib.get_close_matches(name, self.header, n=3)
         if near and len(self.header) > FEW:
             return f'did you mean {" or ".join(map(repr, near))}? ({len(self.header)} columns)'
-        return f'the header has: {", ".join(self.header)}'
+        return f'the header has: {self._listed}'
+
+    @property
+    def _listed(self):
+        more = len(self.header) - FEW
+        return ', '.join(self.header[:FEW]) + (f' and {more} more' if more > 0 else '')
 
     def columns(self, pattern, names, axes=('',)):
         """Resolve a column pattern.
@@ -69,7 +74,7 @@ class Table:
         found = [m.group('key') for m in map(form.fullmatch, self.header) if m]
         if not found:
             raise RecordingError(f'{self.path}: no column has the form {pattern!r}; the header '
-                                 f'has: {", ".join(self.header)}')
+                                 f'has: {self._listed}')
         return tuple(dict.fromkeys(found))
 
 

@@ -64,7 +64,7 @@ def import_csv(map_file, out_dir, *, folder=None, name=None, attachments=None):
         for t, topic, sequence, data in merged:
             bag.write(topic, data, t, sequence=sequence)
     return {'bag': str(bag.directory), 'messages': bag.counts, 'streams': report,
-            'absent': absent}
+            'absent': list(dict.fromkeys(absent))}
 
 
 def _check_lines(where, options):
@@ -177,7 +177,7 @@ def _check_patterns(where, kind, options):
 
 
 def _absent_in(folder, files):
-    return f'; {folder} has no {", ".join(files)}' if files else ''
+    return f'; {folder} has no {", ".join(dict.fromkeys(files))}' if files else ''
 
 
 def _placeholders(where, key, pattern):

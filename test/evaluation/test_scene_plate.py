@@ -8,8 +8,9 @@ from arm_brachy.evaluation.scene_plate import SIDES, scene_plate
 from arm_brachy.tissue.box import box_mesh
 
 MARKERS = {'top': (0.03, 0.02, 0.0305), 'front': (0.03, -0.0005, 0.015),
-           'back': (0.03, 0.0405, 0.015), 'end': (0.0605, 0.02, 0.015)}
-SEEN = (['top'], ['front'], ['back'], ['end'])
+           'back': (0.03, 0.0405, 0.015), 'end': (0.0605, 0.02, 0.015),
+           'bottom': (0.03, 0.02, -0.0005), 'start': (-0.0005, 0.02, 0.015)}
+SEEN = (['top'], ['front'], ['end'], ['bottom'], ['back'], ['start'])
 
 
 @pytest.fixture(scope='module')
@@ -24,5 +25,8 @@ def test_a_side_names_the_markers_on_it(axes, i):
     assert [text.get_text() for text in axes[i].texts] == SEEN[i]
 
 
-def test_seen_from_the_back_x_runs_to_the_left(axes):
-    assert [axis.xaxis_inverted() for axis in axes] == [False, False, True, False]
+def test_what_is_across_runs_to_the_right_as_the_eye_has_it(axes):
+    """Right of the eye is forward x up."""
+    for axis, view in zip(axes, SIDES, strict=True):
+        right = np.cross(-np.array(view.toward), np.eye(3)[view.up])
+        assert axis.xaxis_inverted() == (right[view.across] < 0.0)

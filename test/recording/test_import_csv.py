@@ -226,6 +226,11 @@ def test_a_mounting_that_is_none_is_refused_in_a_line(tmp_path, old, new, messag
     assert '\n' not in str(refused.value) and 'cells.yaml' in str(refused.value)
 
 
+def test_a_mounting_of_a_cell_that_the_file_does_not_have_is_refused(tmp_path):
+    with pytest.raises(RecordingError, match=r'cells.csv: has the cells A, B; `mounted` has a as'):
+        mounted(tmp_path, '    names: {a: A, b: B}\n', '')
+
+
 def test_an_optional_file_may_be_missing(tmp_path):
     (tmp_path / 'a.csv').write_text('t,q\n0,1\n1,2\n')
     section = "- csv: {{path: {}.csv, time: t, optional: true}}\n    columns: '{{key}}'\n"
