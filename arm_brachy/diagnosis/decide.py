@@ -438,14 +438,17 @@ class Judge:
         """(The pair that is certain beside `tried`, the Scan of what it leaves); None if none is.
 
         Where the tests see nothing that `tried` leaves: many weak ones are asked at once, and one
-        cause may bend to much of what two did.
+        cause may bend to much of what two did. A pair that leaves something is none, unless it
+        does without `tried`: what two others explain so much better is not that one cause.
         """
         if not tried.weighed:
             return None
         pair = self._pair_showing(self._best_pair(ranked)[0], tried, self._certain,
                                   self.rules.certain)
         left = pair and self._check(pair)
-        return (pair, left) if left and left.chance >= self.rules.alarm else None
+        if left and (left.chance >= self.rules.alarm or not set(pair.causes) & set(tried.causes)):
+            return pair, left
+        return None
 
     def _pair_showing(self, pair, tried, shows, added):
         """A pair (None = none), weighed, if it `shows` over the single cause `tried`; else None.

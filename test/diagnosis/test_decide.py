@@ -373,6 +373,28 @@ def test_a_second_cause_that_no_test_sees_has_to_be_certain(world, full):
     assert single(decision.accepted)
 
 
+@pytest.mark.parametrize(('beside', 'verdict'), [(3, 'unexplained'), (6, 'named')])
+def test_what_two_others_explain_so_much_better_is_not_one_cause(world, beside, verdict):
+    """They leave something: neither is named. A pair that holds the one cause takes it not back."""
+    one, two, other = (world.responses[i] / np.linalg.norm(world.responses[i])
+                       for i in (1, 5, beside))
+    blend, both = one - 0.8 * two, 30.0 * (one - 0.8 * two)
+    if verdict == 'unexplained':
+        blend = blend + 0.4 * other
+    else:
+        both = both + 15.0 * other
+    decision = world.decide(
+        both, Explanation('blend', '', 10.0 * blend[:, None]),
+        cause=lambda i: i in ((1, 5) if verdict == 'unexplained' else (beside,)),
+        check=lambda c: SimpleNamespace(chance=0.5 if len(c.causes) == 1 else 0.0),
+        weigh=lambda c: Gain(0.0, 0.0))
+    assert decision.verdict == verdict
+    if verdict == 'named':
+        assert decision.accepted.causes == ('blend',)
+    else:
+        assert set(decision.nearest.causes) == {'cause_1', 'cause_5'}
+
+
 def test_a_weak_second_cause_is_named_only_where_a_test_sees_it():
     """Between what is claimed and what is certain."""
     def pairs(check):
