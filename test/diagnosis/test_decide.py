@@ -375,7 +375,7 @@ def test_a_second_cause_that_no_test_sees_has_to_be_certain(world, full):
 
 @pytest.mark.parametrize(('beside', 'verdict'), [(3, 'unexplained'), (6, 'named')])
 def test_what_two_others_explain_so_much_better_is_not_one_cause(world, beside, verdict):
-    """They leave something: neither is named. A pair that holds the one cause takes it not back."""
+    """They leave something: neither is named. A pair that holds the one cause does not."""
     one, two, other = (world.responses[i] / np.linalg.norm(world.responses[i])
                        for i in (1, 5, beside))
     blend, both = one - 0.8 * two, 30.0 * (one - 0.8 * two)
