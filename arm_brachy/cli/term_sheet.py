@@ -60,7 +60,7 @@ def _prior(info):
 
 
 def _typical(term, name, info):
-    """The size at which `diagnose` and `prove` meet it; '' of what says where, when or how."""
+    """What `diagnose` takes for its usual size; '' of what says where, when or how."""
     found = [one for one in strengths(term) if one.name == name]
     if not found:
         return ''

@@ -161,12 +161,17 @@ forces:
 """
 
 
-def cells(folder, old='', new=''):
-    (folder / 'cells.csv').write_text('t,cell1,cell2\n0,2,5\n0.01,,10\n')
-    (folder / 'cells.yaml').write_text(CELLS.replace(old, new))
+def imported(folder, column_map, table):
+    """Forces on cells a and b as the bag has them, name -> [(x, y, z)]."""
+    (folder / 'cells.csv').write_text(table)
+    (folder / 'cells.yaml').write_text(column_map)
     import_csv(folder / 'cells.yaml', folder / 'bag')
     return {name: [(m.wrench.force.x, m.wrench.force.y, m.wrench.force.z) for _, m in BagReader(
         folder / 'bag').messages([f'/force/{name}/wrench'])] for name in 'ab'}
+
+
+def cells(folder, old='', new=''):
+    return imported(folder, CELLS.replace(old, new), 't,cell1,cell2\n0,2,5\n0.01,,10\n')
 
 
 def test_load_cells_of_one_axis_push_back_along_it(tmp_path):
@@ -201,11 +206,7 @@ forces:
 
 
 def mounted(folder, old='', new=''):
-    (folder / 'cells.csv').write_text('t,Ax,Ay,Az,Bx,By,Bz\n0,1,2,3,1,2,3\n')
-    (folder / 'cells.yaml').write_text(MOUNTED.replace(old, new))
-    import_csv(folder / 'cells.yaml', folder / 'bag')
-    return {name: [(m.wrench.force.x, m.wrench.force.y, m.wrench.force.z) for _, m in BagReader(
-        folder / 'bag').messages([f'/force/{name}/wrench'])] for name in 'ab'}
+    return imported(folder, MOUNTED.replace(old, new), 't,Ax,Ay,Az,Bx,By,Bz\n0,1,2,3,1,2,3\n')
 
 
 def test_cells_mounted_otherwise_are_turned_into_the_axes_of_the_scene(tmp_path):
