@@ -226,7 +226,7 @@ def fit_colour(gamma, pairs, lags, period, stretches=()):
 def residual_colour(t, residual, valid, sensor, sensor_sd):
     """Colour, and standard deviations (c,), of what a fit leaves; at least those of the sensor.
 
-    t : (n,) [s];  residual : (n, c);  valid : (n,);  sensor : Colour;  sensor_sd : float
+    t : (n,) [s];  residual : (n, c);  valid : (n,);  sensor : Colour;  sensor_sd : float or (c,)
     From the median variogram, so that steps and spikes do not count as noise: a misfit of the fit
     that lasts becomes slow noise, and what is found beside it has to stand out from it.
     """
@@ -237,7 +237,7 @@ def residual_colour(t, residual, valid, sensor, sensor_sd):
     relative = gamma / sensor_sd ** 2
     colour, variance = fit_colour(np.nanmean(relative, axis=1), pairs.sum(axis=1), lags, period)
     if variance <= 1.0:
-        return sensor, np.full(residual.shape[1], sensor_sd)
+        return sensor, np.broadcast_to(sensor_sd, residual.shape[1]).copy()
     far = relative[np.flatnonzero(np.nan_to_num(relative).any(axis=1))[-1]]   # the longest known
     loudness = np.nan_to_num(far) / np.nanmean(far)
     return colour, sensor_sd * np.sqrt(np.maximum(variance * loudness, 1.0))

@@ -6,7 +6,6 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from arm_brachy.core.random import stream
@@ -34,23 +33,19 @@ from arm_brachy.diagnosis.inertia import hint, inertia_of, with_lag
 from arm_brachy.diagnosis.inertia import said as said_of_inertia
 from arm_brachy.diagnosis.judgement import judged
 from arm_brachy.diagnosis.limits import limits_of
+from arm_brachy.diagnosis.looks import look_at
 from arm_brachy.diagnosis.matched import match
 from arm_brachy.diagnosis.mesh_errors import ensemble_of
 from arm_brachy.diagnosis.modulus import modulus_ratio, scaled
 from arm_brachy.diagnosis.nuisances import Priors
 from arm_brachy.diagnosis.page import Shown
 from arm_brachy.diagnosis.partial_residuals import partials
-from arm_brachy.diagnosis.recorded import look
-from arm_brachy.diagnosis.shared_noise import shared_noise
 from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.statements import Recording
-from arm_brachy.diagnosis.states import LIMIT
 from arm_brachy.diagnosis.traces import traces
 from arm_brachy.diagnosis.wording import spoken
 from arm_brachy.registry import by_name
 
-FEWEST = 12         # states of a recording that are worth comparing
-MOST = 200          # states of all recordings together
 CERTAIN = 0.999     # probability of what a finding says that has no rival
 MORE = ('More is left than better meshes of this size would change: solve on a finer one before '
         'physics is asked for.')
@@ -93,10 +88,8 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
                                    lambda share: say(STEPS[2], share)))
     say(STEPS[0], 0.0)
     calibration = with_lag(calibration, evidences[0].scene)
-    noise = iter(shared_noise((*evidences, *null, *held_out)))
-    (looked, left_out), (sound, fewer), (tested, fewest) = (
-        _look([(one, next(noise)) for one in some], calibration, say)
-        for some in (evidences, null, held_out))
+    (looked, left_out), (sound, fewer), (tested, fewest) = look_at(
+        (evidences, null, held_out), calibration, lambda share: say(STEPS[0], share))
     left_out = (*left_out, *fewer, *fewest)
     say(STEPS[1], 0.0)
     specimen, ratio = _specimen((*looked, *sound), evidences[0].scene)
@@ -128,26 +121,6 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
                 *(note for m in (*matched, *tests) for note in m.notes))
     return _answer(judgement, found, looked, provenance, ratio, left_out, request,
                    None if null else left)
-
-
-def _look(evidences, calibration, say):
-    """(Recorded each, notes); too many recordings share the states that can be afforded.
-
-    evidences : (Evidence, its noise) each
-    """
-    limit = min(LIMIT, max(FEWEST, MOST // max(len(evidences), 1)))
-    kept = evidences
-    notes = []
-    if len(evidences) * FEWEST > MOST:
-        index = np.unique(np.linspace(0, len(evidences) - 1, MOST // FEWEST).round().astype(int))
-        kept = [evidences[i] for i in index]
-        notes.append(f'Of {len(evidences)} recordings {len(kept)}, evenly chosen, were compared '
-                     'with the model.')
-    out = []
-    for i, (one, noise) in enumerate(kept):
-        out.append(look(one, limit=limit, calibration=calibration, noise=noise))
-        say(STEPS[0], (i + 1) / len(kept))
-    return tuple(out), tuple(notes)
 
 
 def _specimen(recorded, scene):

@@ -1,6 +1,6 @@
 """Sudden steps of single channels, beside what an honest tissue does with the pads' history."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,11 +58,15 @@ def jumps(prepared, travel, late, *, alarm):
 
 
 def _jumps(stream, noise, k, columns, alarm, slack):
-    valid, y = stream.valid[:, k], stream.values[:, k]
+    valid = stream.valid[:, k]
     if valid.sum() < FEWEST:
         return []
-    fit = regress(stream.t, y, columns, valid, noise.colour, noise.sd[k])
-    colour, sd = residual_colour(stream.t, fit.residual, valid, noise.colour, noise.sd[k].mean())
+    # a camera's depth is loud, and along none of the world's axes: a step of noise in depth would
+    # count in each of these
+    axes, known = noise.own_axes(k)
+    y = stream.values[:, k] @ axes
+    fit = regress(stream.t, y, columns, valid, noise.colour, known)
+    colour, sd = residual_colour(stream.t, fit.residual, valid, noise.colour, known)
     nuisance = np.stack([c for name, c in columns.items() if name != '1'], axis=1)
     bend = BEND[stream.kind] * float(np.ptp((y - fit.residual)[valid], axis=0).max())
     found = steps(stream.t, y, valid, colour, sd, nuisance, alarm=alarm)
@@ -70,9 +74,14 @@ def _jumps(stream, noise, k, columns, alarm, slack):
         ramp = _kink(stream.t, y, columns, valid, colour, sd)
         nuisance = np.column_stack([nuisance, ramp])
         found = steps(stream.t, y, valid, colour, sd, nuisance, alarm=alarm)
-        found = steadfast(found, stream.t, y, valid, noise.sd[k], nuisance, alarm=alarm)
-    return [Jump(stream.kind, stream.names[k], stream.bodies[k], step,
+        found = steadfast(found, stream.t, y, valid, known, nuisance, alarm=alarm)
+    return [Jump(stream.kind, stream.names[k], stream.bodies[k], _turned(step, axes),
                  sigma(step.size, step.sd, np.hypot(bend, slack))) for step in joined(found)]
+
+
+def _turned(step, axes):
+    """A Step along `axes` (c, c), columns, as one in the world frame."""
+    return replace(step, size=axes @ step.size, sd=np.sqrt(axes**2 @ step.sd**2))
 
 
 def _kink(t, y, columns, valid, colour, sd):

@@ -19,7 +19,13 @@ from arm_brachy.diagnosis.colour import (
 from arm_brachy.diagnosis.counts import quantum
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.rest_colour import over_rests
-from arm_brachy.diagnosis.rests import ENOUGH_IDLE, SETTLING, excess, rest_spans
+from arm_brachy.diagnosis.rests import (
+    ENOUGH_IDLE,
+    SETTLING,
+    excess,
+    rest_spans,
+    undisturbed,
+)
 from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE
 
 LATER_PART = 0.5     # of a later stretch that is taken: its end, when the tissue has settled
@@ -59,6 +65,11 @@ class Noise:
         size = np.sqrt(np.diag(pooled))
         return replace(self, sd=sd, axes=pooled / np.outer(size, size))
 
+    def own_axes(self, k):
+        """(axes (c, c), columns, sd (c,)) along which noise of channel k is not correlated."""
+        power, axes = np.linalg.eigh(self.sd[k][:, None] * self.axes * self.sd[k])
+        return axes, np.sqrt(np.maximum(power, 0.0))
+
     def mean_variance(self, count):
         """Variance of means over `count` (..., k) successive samples, (..., k, c)."""
         factor = self.colour.mean_variance(count, self.period)
@@ -87,12 +98,13 @@ class Noise:
         return out
 
 
-def noise_of(evidence, devices=None, colours=None):
+def noise_of(evidence, devices=None, colours=None, events=()):
     """Noise of every stream of an Evidence, kind -> Noise.
 
     devices : mapping kind -> parameters of the device (devices.*Params), for the data sheet;
         None = their defaults
     colours : kind -> Colour that is known from elsewhere, None = none
+    events : [s] at which something happened that sets off what follows
     Idle is the time before the first push, and if that is less than 5 s also the second half of
     the later stretches in which the pads stand; of a body without pads it is the last fifth of
     what follows its fastest motion. What may be creep is taken out as a parabola. Noise that
@@ -101,7 +113,8 @@ def noise_of(evidence, devices=None, colours=None):
     are pooled, the pool weighing 30 samples; an encoder that shows no noise has that of its
     quantisation.
     """
-    spans, rests, out = idle_spans(evidence), rest_spans(evidence), {}
+    spans, out = idle_spans(evidence), {}
+    rests = undisturbed(rest_spans(evidence), events)
     for kind, stream in evidence.streams.items():
         noise = _noise(stream, spans, rests, devices or {}, (colours or {}).get(kind),
                        _witness(evidence) if kind == EM else None)

@@ -3,6 +3,8 @@
 Test: diagnosis/structural/test_rests.py
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from arm_brachy.diagnosis.colour import MEDIAN_CHI2
@@ -25,6 +27,19 @@ def rest_spans(evidence):
     rests = [(start if start == first else start + SETTLING, end)
              for start, end, pushed in stills if not pushed and end - start > 2.0 * SETTLING]
     return tuple(rests) if len(rests) >= FEWEST_RESTS else ()
+
+
+def undisturbed(rests, events):
+    """The longest run of `rests`, tuples (t_start, t_end) [s], with none of `events` [s] within.
+
+    What happens, a step that an actuator loses or a tool that is knocked, sets all that follows
+    off, which no noise does. Empty if the run has fewer than FEWEST_RESTS.
+    """
+    ends = [-np.inf, *sorted(events), np.inf]
+    runs = [[rest for rest in rests if start <= rest[0] and rest[1] <= end]
+            for start, end in pairwise(ends)]
+    best = max(runs, key=lambda run: run[-1][1] - run[0][0] if run else 0.0)
+    return tuple(best) if len(best) >= FEWEST_RESTS else ()
 
 
 def excess(stream, noise, rests):

@@ -8,21 +8,22 @@ from arm_brachy.diagnosis.noise import noise_of
 SAME_RATE = 0.1     # of the period between samples, for noise to be alike
 
 
-def shared_noise(evidences, devices=None):
+def shared_noise(evidences, events=None):
     """Noise of every stream of every Evidence of one cell: tuple of kind -> noise.Noise.
 
-    devices : as `noise_of`
+    events : for each, as `noise_of`, None = none
     How loud each channel is from sample to sample its own recording says; the colour is that of
     the recording with the longest idle at the same rate, since how long noise lasts takes long to
     see.
     """
-    own = [noise_of(one, devices) for one in evidences]
+    events = events or [()] * len(evidences)
+    own = [noise_of(one, events=its) for one, its in zip(evidences, events, strict=True)]
     if len(own) == 1:
         return tuple(own)
-    return tuple(noise_of(one, devices, {kind: _best(mine, [other[kind] for other in own
-                                                            if kind in other])
-                                         for kind, mine in noise.items()})
-                 for one, noise in zip(evidences, own, strict=True))
+    return tuple(noise_of(one, None, {kind: _best(mine, [other[kind] for other in own
+                                                         if kind in other])
+                                      for kind, mine in noise.items()}, its)
+                 for one, noise, its in zip(evidences, own, events, strict=True))
 
 
 def _best(noise, others):

@@ -94,15 +94,18 @@ class TheirEncoders:
 
 @dataclass(frozen=True)
 class TheirSensors:
-    """Of the sensors only the sign of the forces and the rates are needed to read their files."""
+    """Of the sensors only the sign of the forces and the rates are needed to read their files.
 
-    forces: TheirForces
+    forces : None = none were recorded
+    """
+
+    forces: TheirForces | None = None
     encoders: TheirEncoders = field(default_factory=TheirEncoders)
 
 
 @dataclass(frozen=True)
 class TheirRecording:
-    """A folder with encoders, forces, optical and em .csv.gz.
+    """A folder with encoders.csv.gz and what there is of forces, optical and em .csv.gz.
 
     lab_time_start_s : at which their times begin, on one clock for all recordings
     """
@@ -122,9 +125,9 @@ class TheirScene:
     gravity: Vector
     fixed: TheirFixed
     pads: tuple[TheirPad, ...]
-    markers: tuple[TheirPoint, ...]
-    em_targets: tuple[TheirPoint, ...]
-    sensors: TheirSensors
+    markers: tuple[TheirPoint, ...] = ()
+    em_targets: tuple[TheirPoint, ...] = ()
+    sensors: TheirSensors = field(default_factory=TheirSensors)
     recordings: tuple[TheirRecording, ...] = ()
 
 
@@ -139,7 +142,8 @@ def import_scene(path, out_dir, *, name=None):
     out_dir : receives `<name>.yaml` and, per recording, `<name>_<recording>.columns.yaml`
     name : of the scene, by default that of the folder the file is in
     The mesh and the CSV files stay where they are and are referred to by relative path.
-    Returns a dict: scene, maps (recording -> path), unused (their keys that have no counterpart).
+    Returns a dict: scene, maps (recording -> path), unused (their keys that have no counterpart,
+    files of streams that they do not describe).
     Raises ConfigError with file and line.
     """
     path, out_dir = Path(path), Path(out_dir)
@@ -154,7 +158,9 @@ def import_scene(path, out_dir, *, name=None):
     maps = {}
     for recording in theirs.recordings:
         maps[recording.name] = str(out_dir / f'{name}_{recording.name}.columns.yaml')
-        _write(Path(maps[recording.name]), _columns(theirs, path, base, name, recording))
+        columns = _columns(theirs, path, base, name, recording)
+        unused += _left_out(columns, path.parent / recording.folder, recording)
+        _write(Path(maps[recording.name]), columns)
     scenario_file = out_dir / f'{name}.scenario.yaml'
     _dump(scenario_file, _scenario(theirs, name, scene_file.name))
     return {'scene': str(scene_file), 'scenario': str(scenario_file), 'maps': maps,
@@ -163,7 +169,8 @@ def import_scene(path, out_dir, *, name=None):
 
 def _scenario(theirs, name, scene_file):
     """The least that a replay needs, ticking with their fastest encoder or force stream."""
-    rate = max(theirs.sensors.encoders.rate_hz, theirs.sensors.forces.rate_hz)
+    sensors = theirs.sensors
+    rate = max(one.rate_hz for one in (sensors.encoders, sensors.forces) if one is not None)
     return {'name': name, 'description': f'recordings of {name}, to replay', 'seed': SEED,
             'scene': scene_file, 'tick_ms': round(1e3 / rate, 6)}
 
@@ -189,17 +196,30 @@ def _columns(theirs, path, base, name, recording):
     folder = base / recording.folder
     pads = {pad.name: str(i) for i, pad in enumerate(theirs.pads)}
 
-    def file(stem):
-        return CsvFile(str(folder / f'{stem}.csv.gz'), time='t_s')
+    def file(stem, optional=True):
+        return CsvFile(str(folder / f'{stem}.csv.gz'), time='t_s', optional=optional)
 
+    forces = optical = em = ()
+    if theirs.sensors.forces is not None:
+        forces = (Forces(file('forces'), 'f{key}{axis}_N', _sign(theirs, path), names=pads),)
+    if theirs.markers:
+        optical = (Optical(file('optical'), '{key}_{axis}_m', names=_names(theirs.markers)),)
+    if theirs.em_targets:
+        em = (Tools(file('em'), '{key}_{axis}_m', names=_names(theirs.em_targets)),)
     return ColumnMap(
         name=f'{name}_{recording.name}', start=recording.lab_time_start_s,
-        encoders=(Encoders(file('encoders'), 'q{key}_m', names=pads),),
-        forces=(Forces(file('forces'), 'f{key}{axis}_N', _sign(theirs, path), names=pads),),
-        optical=(Optical(file('optical'), '{key}_{axis}_m',
-                         names={m.id: m.id for m in theirs.markers}),),
-        em=(Tools(file('em'), '{key}_{axis}_m', names={t.id: t.id for t in theirs.em_targets}),),
-    )
+        encoders=(Encoders(file('encoders', optional=False), 'q{key}_m', names=pads),),
+        forces=forces, optical=optical, em=em)
+
+
+def _left_out(columns, folder, recording):
+    """Files of a recording that its ColumnMap does not read: the description is silent on them."""
+    return [f'{recording.folder}/{kind}.csv.gz' for kind in ('forces', 'optical', 'em')
+            if not getattr(columns, kind) and (folder / f'{kind}.csv.gz').exists()]
+
+
+def _names(points):
+    return {point.id: point.id for point in points}
 
 
 def _sign(theirs, path):

@@ -68,6 +68,27 @@ def test_column_map_takes_their_sign(rig, tmp_path):
     assert 'sign: on_tissue' in open(report['maps']['A'], encoding='utf-8').read()
 
 
+@pytest.mark.parametrize(('change', 'kept'), [
+    (lambda d: d.pop('em_targets'), {'encoders', 'forces', 'optical'}),
+    (lambda d: d.pop('markers'), {'encoders', 'forces', 'em'}),
+    (lambda d: d.pop('sensors'), {'encoders', 'optical', 'em'}),
+    (lambda d: None, {'encoders', 'forces', 'optical', 'em'})])
+def test_streams_that_were_not_recorded(rig, tmp_path, change, kept):
+    """Nothing says how to read them; files that lie there all the same are listed as unused."""
+    files = tmp_path / 'lab' / 'rec' / 'A'
+    files.mkdir(parents=True)
+    for kind in ('encoders', 'forces', 'optical', 'em'):
+        (files / f'{kind}.csv.gz').touch()
+    report = import_scene(rig(change), tmp_path / 'out')
+    with open(report['maps']['A'], encoding='utf-8') as stream:
+        columns = YAML(typ='safe').load(stream)
+    sections = {kind: columns.get(kind) for kind in ('encoders', 'forces', 'optical', 'em')}
+    assert {kind for kind, said in sections.items() if said} == kept
+    assert {kind for kind in sections if f'rec/A/{kind}.csv.gz' in report['unused']} == (
+        set(sections) - kept)
+    assert {kind for kind in kept if sections[kind][0]['csv']['optional']} == kept - {'encoders'}
+
+
 @pytest.mark.parametrize(('change', 'words'), [
     (lambda d: d['units'].update(length='mm'), 'units.length'),
     (lambda d: d['material'].update(model='ogden'), 'material.model'),

@@ -1,0 +1,51 @@
+"""Noise and events, each found against the other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from arm_brachy.core.random import stream as draws
+from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.looks import look_at
+from arm_brachy.diagnosis.noise import noise_of
+from arm_brachy.registry import parse_terms
+
+ONSET, SHARE, MEMORY = 14.0, 0.14, 3.0
+
+
+@pytest.fixture(scope='module')
+def evidence(laboratory, pushes):
+    """A pad that loses 0.6 mm half way; a seventh of the camera's noise remembers for 3 s."""
+    terms = parse_terms([{'name': 'lost_steps', 'shortfall_mm': 0.6, 'onset_s': ONSET,
+                          'actuators': [1]}], 'test')
+    lab = laboratory(terms, 4)
+    one = evidence_of(lab.record(pushes(pads=(0, 1) * 3, speeds=(0.02,)), rest=3.0), lab.scene)
+    optical, sd = one.streams['optical'], noise_of(one)['optical'].sd
+    kept, rng = np.exp(-optical.period / MEMORY), draws(0, 'looks')
+    kicks = rng.standard_normal(optical.values.shape)
+    kicks[1:] *= np.sqrt(1.0 - kept**2)
+    slow = np.sqrt(SHARE / (1.0 - SHARE)) * sd * lfilter([1.0], [1.0, -kept], kicks, axis=0)
+    return replace(one, streams={**one.streams, 'optical': replace(
+        optical, values=optical.values + slow)})
+
+
+def test_an_event_does_not_hide_the_memory_of_the_noise(evidence):
+    """All rests after it are off, which is no noise; those before tell how long that lasts."""
+    ((recorded,), notes), *_ = look_at(((evidence,), (), ()))
+    colour = recorded.prepared.noise['optical'].colour
+    assert noise_of(evidence)['optical'].colour.share < 0.3 * SHARE
+    assert colour.share == pytest.approx(SHARE, abs=0.05) and 1.0 < colour.time < 9.0
+    found, = recorded.structure.findings
+    assert found.term == 'lost_steps' and found.value == pytest.approx(6e-4, rel=0.1)
+    assert not notes
+
+
+def test_a_hundred_recordings_share_what_can_be_afforded(evidence):
+    many = tuple(replace(evidence, name=f'push_{i}') for i in range(17))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('arm_brachy.diagnosis.looks.MOST', 24)
+        ((looked, notes), *_) = look_at((many, (), ()))
+    assert [one.name for one in looked] == ['push_0', 'push_16']
+    assert notes == ('Of 17 recordings 2, evenly chosen, were compared with the model.',)
