@@ -57,6 +57,10 @@ class Rules:
     partners: int = 12   # causes, best first, that are tried in pairs
     alone: int = 3       # causes, best first, that are fitted in full alone
     weighed: int = 4     # causes, best first, whose full fits are compared
+    hopeless: float = quantity(0.1, '', 'part of the evidence of the first cause, by responses, '
+                               'below which another one is not fitted in full', low=0.0, high=1.0,
+                               source='own choice: of what was planted full fits gained 2.6 times '
+                               'the evidence of a response at most')
     promising: float = quantity(3.0, '', 'least gain in evidence by its response of a cause that '
                                 'is fitted in full', low=0.0, high=1e3,
                                 source='own choice: odds of 20')
@@ -398,7 +402,7 @@ class Judge:
         """`singles`, those that promise most weighed, in their new order.
 
         Where the first is far ahead and leaves nothing, the others need not be, but for those
-        whose responses do nearly as well.
+        whose responses do nearly as well; nor, whatever it leaves, those that do `hopeless`.
         """
         ranked, asked = self.singles(), set()
         response = {one.causes: one.evidence for one in ranked}
@@ -409,7 +413,8 @@ class Judge:
             far = (first.evidence - one.evidence >= self.rules.certain
                    and response[first.causes] - one.evidence >= max(
                        self.rules.rival, 2.0 * self.rules.bent * response[first.causes]))
-            if one.evidence < self.rules.promising or one.causes in asked or (
+            least = max(self.rules.promising, self.rules.hopeless * response[first.causes])
+            if one.evidence < least or one.causes in asked or (
                     far and self._check(first).chance >= self.rules.alarm):
                 break
             asked.add(one.causes)

@@ -435,6 +435,20 @@ def test_only_what_promises_something_is_weighed():
     assert len(asked) <= 1
 
 
+@pytest.mark.parametrize(('size', 'others'), [(0.2, 0), (0.5, 1)])
+def test_what_does_a_tenth_as_well_is_not_weighed_whatever_the_first_leaves(world, size, others):
+    """Evidence goes with the square of an effect: 0.04 and 0.25 of that of the first."""
+    two, five = world.responses[2], world.responses[5]
+    across = five - two * (five @ two) / (two @ two)
+    unit, across = two / np.linalg.norm(two), across / np.linalg.norm(across)
+    asked, other = [], Explanation('other', '', 100.0 * across[:, None])
+    judge = world.judge(40.0 * unit + 40.0 * size * across, other, cause=lambda i: i in (2, 6),
+                        check=lambda one: Scan(np.zeros(1), 0, 1e-9),
+                        weigh=lambda one: asked.append(one.causes) or Gain(0.0, 0.0))
+    judge.weighed_singles()
+    assert asked == [('cause_2',), ('other',)][:1 + others]
+
+
 def test_an_offset_that_the_tests_see_is_named_though_it_predicts_nothing(world):
     """Calibration takes it up, at 4.6 of its standard deviations: held out kinds gain nothing."""
     shift = (world.channel == 3).astype(float)
