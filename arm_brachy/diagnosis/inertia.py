@@ -146,7 +146,7 @@ def hint(matched):
     seen = [swing[stream.kind][:, channels[stream.kind].index(name)] > stream.sd[:, c].max(axis=1)
             for m, swing in zip(matched, swings, strict=True) for stream in m.observables.measured
             for c, name in enumerate(stream.names)]
-    return (HINT.format(*_largest(swings)),) if np.mean(seen) > SEEN else ()
+    return (HINT.format(*_largest(swings)),) if np.concatenate(seen).mean() > SEEN else ()
 
 
 def _largest(swings):

@@ -379,6 +379,24 @@ def test_a_slip_in_one_of_two_recordings_is_named_and_is_none_in_the_other(recor
     assert optical.named < 1.2 * optical.noise_floor
 
 
+def test_recordings_of_unlike_length_are_answered_together(record):
+    """Forces 80 ms late in both."""
+    pair = [late(record(seed=seed, name=name, legs=legs), FORCE, 0.08)
+            for seed, name, legs in ((1, 'long', PUSHES[:4]), (2, 'short', PUSHES[4:]))]
+    d = diagnose(pair, source(), meshes=MESHES).diagnosis
+    cause, = d.causes
+    assert d.verdict == 'named'
+    assert cause.term == 'clock_offset' and cause.applies_to['stream'] == FORCE
+    assert cause.parameters['delay'].value == pytest.approx(0.08, abs=0.005)
+
+
+def late(evidence, kind, delay):
+    """Evidence whose stream of a kind has stamps that are late by `delay` [s]."""
+    stream = evidence.get(kind)
+    return replace(evidence, streams={**evidence.streams, kind: replace(
+        stream, t=stream.t + delay)})
+
+
 def test_the_modulus_is_that_of_the_first_recording_with_forces(record):
     """Which comes first changes neither it nor how well it is known, nor what a mesh may hide."""
     blind = record(seed=1, name='blind', legs=PUSHES[:2])
