@@ -44,7 +44,7 @@ def given(recorded, known=(), beside=()):
     known : findings of a recording in which nothing is wrong; what it shows too, at least half as
         large, is no fault but the set-up, handed on as a term that is no news
     beside : Recorded of the same set-up; what one of them shows that has no rival there, and as
-        large, has none here
+        large, has none here, and what is a rival of it there is that
     """
     certain, open_, nameless = [], [], []
     sure = [f for one in beside for f in one.structure.findings if f.term and not f.rivals]
@@ -52,8 +52,7 @@ def given(recorded, known=(), beside=()):
         for finding in one.structure.findings:
             if any(_no_news(finding, other) for other in known):
                 continue
-            if any(_as_large(finding, other) for other in sure):
-                finding = replace(finding, rivals=())
+            finding = _settled(finding, sure)
             if finding.term is None:
                 nameless += [(finding, one.name)] if finding.nameless else []
             elif finding.term in SEEN_BETTER or finding.rivals:
@@ -61,6 +60,16 @@ def given(recorded, known=(), beside=()):
             else:
                 certain.append((finding, one.name))
     return Given(tuple(certain), tuple(open_), tuple(nameless))
+
+
+def _settled(finding, sure):
+    """The Finding, as those of the set-up that have no rivals tell it from its own."""
+    if any(_as_large(finding, other) for other in sure):
+        return replace(finding, rivals=())
+    told = next((other for other in sure if other.term in finding.rivals and other.onset is None
+                 and (other.stream, other.channel) == (finding.stream, finding.channel)), None)
+    return finding if told is None else replace(told, t_start=finding.t_start,
+                                                t_end=finding.t_end)
 
 
 def _same(one, other):

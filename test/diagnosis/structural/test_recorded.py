@@ -86,6 +86,27 @@ def test_what_another_recording_settles_is_settled_here_if_as_large(size, settle
     assert [f.rivals for f, _ in together.certain] == ([()] if settled else [])
 
 
+@pytest.mark.parametrize(('pad', 'told'), [('pad_1', True), ('pad_2', False)])
+def test_what_one_recording_cannot_tell_from_its_rival_another_one_does(pad, told):
+    """A yield that moderate pushes show as a gain, of the same actuator or of another one."""
+    def finding(term, parameter, name, value, rivals, end):
+        return Finding('encoder', name, term, parameter, value, '', 0.05 * abs(value), 20.0, 0.0,
+                       end, 'The marker departs from the encoder.', rivals,
+                       parameters={parameter: value, 'actuators': (int(name[-1]) - 1,)})
+    gain = finding('actuator_gain', 'gain', 'pad_1', -0.09, ('actuator_compliance',), 9.0)
+    yields = finding('actuator_compliance', 'compliance', pad, 3.3e-4, (), 20.0)
+    one, other = (SimpleNamespace(name=name, structure=SimpleNamespace(findings=(found,)))
+                  for name, found in (('one', gain), ('other', yields)))
+    found = given((one,), beside=(one, other))
+    if not told:
+        assert found.open == ((gain, 'one'),) and found.certain == ()
+        return
+    (kept, name), = found.certain
+    assert found.open == () and name == 'one'
+    assert (kept.term, kept.value, kept.t_end) == ('actuator_compliance', 3.3e-4, 9.0)
+    assert [term.compliance for term in found.terms] == [3.3e-4]
+
+
 def test_what_a_sound_recording_shows_as_well_is_no_news(looked):
     one = looked(PLAY)
     assert given((one,), known=one.structure.findings).certain == ()
