@@ -9,6 +9,7 @@ else.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from arm_brachy.diagnosis.assembly import stacked_nuisances
 from arm_brachy.diagnosis.decide import Rules
@@ -20,6 +21,7 @@ from arm_brachy.diagnosis.tolerances import change_by
 
 TOLD = ('actuator_gain', 'actuator_compliance', 'pad_misplacement')     # by markers on pads
 NEAR = 0.5      # of all of it, as far as which tissue and forces may show another share
+UNEVEN = 0.01   # probability of the shares of all kinds of push, below which they are not one
 ACROSS = 0.34   # cosine to its lever, up to which a marker's own motion is a turn about its pad
 
 
@@ -44,7 +46,8 @@ def astray(matched, opened):
     matched : matched.Matched with what markers are certain of in their models, of one body
     opened : per Matched the terms that they found and are not certain of: not in its model
     The motion without all that is played to all streams but the markers on those pads, beside
-    nuisances and errors of the mesh. Valid where what else is missing does less than that.
+    nuisances and errors of the mesh. Valid where what else is missing does less than that: where
+    it does more, kinds of push differ in the share that they show, and none goes astray.
     Test: diagnosis/test_diagnose.py
     """
     names = matched[0].baseline.model.specimen.pads
@@ -74,11 +77,26 @@ def _asked(matched, opened, U, group):
     e, r = (np.concatenate(some) for some in zip(*ways, strict=True))
     kept = np.concatenate([_others(m, group) for m in matched])
     U, e, r = U[kept], e[kept], r[kept]
-    beside = np.linalg.solve(np.eye(U.shape[1]) + U.T @ U, U.T @ np.column_stack([e, r]))
-    power, shown = e @ (np.column_stack([e, r]) - U @ beside)
-    if power <= 0.0:
+    power, shown = _shown(U, e, r)
+    kinds = np.concatenate([m.kinds for m in matched])[kept]
+    if power <= 0.0 or _uneven(np.array([_shown(U[some], e[some], r[some]) for some in
+                                         (kinds == kind for kind in np.unique(kinds))])):
         return None
     return Astray(group, float(shown / power), float(power ** -0.5), float(shown - power / 2.0))
+
+
+def _shown(U, e, r):
+    """(power of a change e, how much of it a residual r shows) beside nuisances U."""
+    beside = np.linalg.solve(np.eye(U.shape[1]) + U.T @ U, U.T @ np.column_stack([e, r]))
+    return e @ (np.column_stack([e, r]) - U @ beside)
+
+
+def _uneven(kinds):
+    """True if the shares that kinds of push show are not one; kinds : (k, 2) of `_shown` each."""
+    power, shown = kinds[kinds[:, 0] > 0.0].T
+    share = shown / power
+    spread = float(np.sum(power * (share - shown.sum() / power.sum())**2))
+    return bool(chi2.sf(spread, max(len(share) - 1, 1)) < UNEVEN)
 
 
 def _ways(m, opened, group):
