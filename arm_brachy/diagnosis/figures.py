@@ -16,6 +16,7 @@ from arm_brachy.evaluation.timeseries import PadMark
 
 UNEXPLAINED = 'unexplained'   # what is drawn at a place of which it is not known what is there
 MOST_COLUMNS = 3    # recordings side by side; with more the axes are too narrow to read
+LINE = 0.1          # of the height of a panel: a line of text
 SHADE = '#fcebdf'
 GREY = '#b9c3ca'
 
@@ -136,15 +137,19 @@ def _draw_trace(axis, trace):
 
 
 def _mark(axis, intervals, *, named):
+    lines = {}      # label -> number of its line: what overlaps in time is not written over
     for one in intervals:
         axis.axvspan(one.t_start, one.t_end, color=SHADE, lw=0, zorder=0)
         if one.onset is not None:
             axis.axvline(float(np.mean(one.onset)), color=GOAL, lw=1.3, zorder=1)
-        if named and (label := one.term or one.regime):
+        label = one.term or one.regime
+        if named and label and label not in lines:
+            lines[label] = len(lines)
             left, right = axis.get_xlim()
             late = one.t_start > 0.5 * (left + right)
-            axis.text(one.t_end if late else one.t_start, 0.97, f' {wording.spoken(label)} ',
-                      fontsize=7.5, va='top', ha='right' if late else 'left', color=GOAL,
+            axis.text(one.t_end if late else one.t_start, 0.97 - LINE * lines[label],
+                      f' {wording.spoken(label)} ', fontsize=7.5, va='top',
+                      ha='right' if late else 'left', color=GOAL,
                       transform=axis.get_xaxis_transform())
 
 

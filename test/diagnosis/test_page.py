@@ -196,6 +196,18 @@ def test_recordings_in_which_something_shows_come_first(answers):
     assert '2 more recordings not drawn' in plate.caption
 
 
+def test_what_goes_on_at_the_same_time_is_named_on_lines_of_its_own(answers):
+    t = np.linspace(0.0, 40.0, 200)
+    when = [Interval('run', a, b, term=term) for a, b, term in (
+        (0.0, 40.0, 'actuator_compliance'), (1.0, 18.0, 'strain_stiffening'),
+        (24.0, 30.0, 'strain_stiffening'))]
+    plate = figures.when_plate(replace(answers['unexplained'], when=tuple(when)),
+                               [Trace('run', 'optical', t, 1e-4 + 1e-5 * np.sin(t), 1e-4)])
+    plate.figure.canvas.draw()
+    first, second = plate.figure.axes[0].texts
+    assert not first.get_window_extent().overlaps(second.get_window_extent())
+
+
 def test_bars_are_the_errors(answers):
     axis = figures.fit_plate(answers['named']).figure.axes[0]
     assert [bar.get_width() for bar in axis.patches] == pytest.approx([0.62, 0.41, 0.16])
