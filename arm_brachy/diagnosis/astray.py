@@ -48,7 +48,7 @@ def astray(matched, opened):
     The motion without all that is played to all streams but the markers on those pads, beside
     nuisances and errors of the mesh. Valid where what else is missing does less than that: where
     it does more, kinds of push differ in the share that they show, and none goes astray.
-    Test: diagnosis/test_diagnose.py
+    Test: diagnosis/test_astray.py, test_diagnose.py
     """
     names = matched[0].baseline.model.specimen.pads
     groups = {told_of(term, names) for m, some in zip(matched, opened, strict=True)

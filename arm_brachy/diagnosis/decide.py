@@ -59,8 +59,8 @@ class Rules:
     weighed: int = 4     # causes, best first, whose full fits are compared
     hopeless: float = quantity(0.1, '', 'part of the evidence of the first cause, by responses, '
                                'below which another one is not fitted in full', low=0.0, high=1.0,
-                               source='own choice: of what was planted full fits gained 2.6 times '
-                               'the evidence of a response at most')
+                               source='own choice: a full fit has gained 2.6 times the evidence '
+                               'of its response, of a skin where tissue stiffened')
     promising: float = quantity(3.0, '', 'least gain in evidence by its response of a cause that '
                                 'is fitted in full', low=0.0, high=1e3,
                                 source='own choice: odds of 20')

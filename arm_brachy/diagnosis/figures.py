@@ -16,7 +16,7 @@ from arm_brachy.evaluation.timeseries import PadMark
 
 UNEXPLAINED = 'unexplained'   # what is drawn at a place of which it is not known what is there
 MOST_COLUMNS = 3    # recordings side by side; with more the axes are too narrow to read
-LINE = 0.1          # of the height of a panel: a line of text
+LINE = 0.1      # of the height of a panel: a line of text
 SHADE = '#fcebdf'
 GREY = '#b9c3ca'
 

@@ -25,19 +25,18 @@ def look_at(groups, calibration=None, say=lambda share: None):
     """
     kept = [_affordable(some) for some in groups]
     every = [one for some in kept for one in some]
-    limits = [_limit(some) for some in groups for _ in _affordable(some)]
+    limits = [_limit(group) for group, some in zip(groups, kept, strict=True) for _ in some]
     noise = shared_noise(every)
     recorded = []
-    for number, (one, its, limit) in enumerate(zip(every, noise, limits, strict=True), start=1):
+    for one, its, limit in zip(every, noise, limits, strict=True):
         recorded.append(look(one, limit=limit, calibration=calibration, noise=its))
-        say(number / len(every))
+        say(len(recorded) / len(every))
     events = [sudden(one.structure.findings) for one in recorded]
     if any(events):
-        better = shared_noise(every, events)
-        recorded = [seen if _alike(known, its)
-                    else look(one, limit=limit, calibration=calibration, noise=its)
-                    for seen, one, known, its, limit in zip(recorded, every, noise, better, limits,
-                                                            strict=True)]
+        for i, better in enumerate(shared_noise(every, events)):
+            if not _alike(noise[i], better):
+                recorded[i] = look(every[i], limit=limits[i], calibration=calibration,
+                                   noise=better)
     rest = iter(recorded)
     return tuple((tuple(next(rest) for _ in some), _notes(group, some))
                  for group, some in zip(groups, kept, strict=True))

@@ -1,12 +1,14 @@
 """Noise and events, each found against the other."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from arm_brachy.core.random import stream as draws
+from arm_brachy.diagnosis import looks
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.looks import look_at
 from arm_brachy.diagnosis.noise import noise_of
@@ -42,10 +44,14 @@ def test_an_event_does_not_hide_the_memory_of_the_noise(evidence):
     assert not notes
 
 
-def test_a_hundred_recordings_share_what_can_be_afforded(evidence):
+def test_too_many_recordings_share_the_states_that_can_be_afforded(evidence, monkeypatch):
+    """Seventeen, of which two get a dozen each."""
+    def look(one, **how):
+        return SimpleNamespace(name=one.name, limit=how['limit'],
+                               structure=SimpleNamespace(findings=()))
+    monkeypatch.setattr(looks, 'look', look)
+    monkeypatch.setattr(looks, 'MOST', 24)
     many = tuple(replace(evidence, name=f'push_{i}') for i in range(17))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('arm_brachy.diagnosis.looks.MOST', 24)
-        ((looked, notes), *_) = look_at((many, (), ()))
-    assert [one.name for one in looked] == ['push_0', 'push_16']
+    ((looked, notes), *_) = look_at((many, (), ()))
+    assert [(one.name, one.limit) for one in looked] == [('push_0', 12), ('push_16', 12)]
     assert notes == ('Of 17 recordings 2, evenly chosen, were compared with the model.',)
