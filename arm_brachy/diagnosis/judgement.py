@@ -70,13 +70,13 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
         notes = (*notes, said_of_limit(finer))
     if fault is not None or finer is not None:
         assembly, fits, one = judge(matched)
-    factors, (assembly, fits, one) = _noise_beside(
-        (assembly, fits, one), lambda some: judge(_louder(matched, some)))
+    again = _once(lambda factors: judge(_louder(matched, factors)))
+    factors, (assembly, fits, one) = _noise_beside((assembly, fits, one), again)
     decision = one.decide()
     if not factors and decision.verdict == 'unexplained' and decision.unproven is None:
         factors = louder(assembly, [e for c in decision.ranked[:1] for e in c.explanations])
         if factors:
-            assembly, fits, one = judge(_louder(matched, factors))
+            assembly, fits, one = again(factors)
             decision = one.decide()
     if factors:
         tests, notes = _louder(tests, factors), (*notes, *said(factors))
@@ -85,6 +85,19 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
 
 def _louder(matched, factors):
     return [one.louder(factors) for one in matched]
+
+
+def _once(judge):
+    """factors -> what is judged with noise as loud, made once: full fits there take minutes."""
+    known = {}
+
+    def again(factors):
+        key = tuple(sorted(factors.items()))
+        if key not in known:
+            known[key] = judge(factors)
+        return known[key]
+
+    return again
 
 
 def _noise_beside(quiet, again):

@@ -9,7 +9,7 @@ from arm_brachy.core.random import stream
 from arm_brachy.diagnosis import judgement, loudness
 from arm_brachy.diagnosis.colour import MEDIAN_CHI2
 from arm_brachy.diagnosis.observables import Row
-from arm_brachy.diagnosis.stream import EM, OPTICAL
+from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
 
 STATES, CHANNELS = 250, 2           # a second apart; of each of two streams, three axes each
 N = 2 * CHANNELS * 3 * STATES
@@ -114,3 +114,17 @@ def test_where_no_stream_seems_louder_nothing_is_asked_again(white):
     assembly, _ = made(QUIET * white, 2.5)
     given = (assembly, None, Judged(1e-9, 1e-9))
     assert judgement._noise_beside(given, None) == ({}, given)
+
+
+def test_what_is_asked_again_in_noise_as_loud_is_the_same():
+    made_of = []
+
+    def judge(factors):
+        made_of.append(factors)
+        return object()
+
+    again = judgement._once(judge)
+    first = again({EM: 2.5, FORCE: 1.5})
+    assert again({FORCE: 1.5, EM: 2.5}) is first
+    assert again({EM: 2.5}) is not first
+    assert made_of == [{EM: 2.5, FORCE: 1.5}, {EM: 2.5}]
