@@ -11,7 +11,7 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.spatial.distance import cdist
 
-from arm_brachy.diagnosis.hypothesis import TIED, Hypothesis, strengths
+from arm_brachy.diagnosis.hypothesis import Hypothesis, strengths, tie_of
 from arm_brachy.tissue.mesh import boundary_faces, volumes
 
 INTERIOR, SURFACE, BASE_PLACES = 60, 24, 30     # places in a body, on it, under it
@@ -27,6 +27,8 @@ FIBRES = ((0.0, 90.0), *((a, 0.0) for a in (0.0, 45.0, 90.0, -45.0)),
 # Amplitudes at which responses are taken, of terms whose effect is far from proportional: a sector
 # off the base shows five times as much at 26 mm as at 15, and elsewhere.
 SIZES = {'base_debond': (0.7, 1.2)}
+RODS = (0.0, 0.03)      # m behind a pad's face: where the metal that it is on may be
+BESIDE = 0.03           # m from a body: metal that stays
 SECOND_BRANCH = 40.0    # s, beside a first that is faster by far: creep of tissue has both
 
 
@@ -58,17 +60,16 @@ def candidates(cls, specimen, occasions=None):
     names = {f.name for f in dataclasses.fields(cls)}
     choices = [one for one in _CHOICES if one.applies(cls, names)]
     places = [one.options(cls, specimen, occasions) for one in choices]
-    free = strengths(cls)
     sizes = SIZES.get(cls.spec.name, (1.0,))
     return tuple(Hypothesis(cls, {k: v for part in combination for k, v in part.items()},
-                            _free(free, combination), size=size)
+                            _free(cls, combination), size=size)
                  for combination in product(*places) for size in sizes)
 
 
-def _free(free, combination):
+def _free(cls, combination):
     """All strengths but those whose place is not given: one part of a cause hides no other."""
-    given = {key for part in combination for key in part}
-    return tuple(s for s in free if s.name not in TIED or TIED[s.name] in given)
+    given = {None, *(key for part in combination for key in part)}
+    return tuple(s for s in strengths(cls) if tie_of(cls, s.name) in given)
 
 
 @dataclass(frozen=True)
@@ -146,6 +147,16 @@ def _onsets_or_some_time(cls, specimen, occasions):
     return [{'onset': float(t)} for t in (0.0, *quarters, *occasions.onsets)]
 
 
+def _metals(specimen):
+    """Places of pieces of metal: on the rod behind each pad, and beside the body, all around."""
+    rods = [{'metal': tuple(map(float, np.array(pad.centre) - back * np.array(pad.direction))),
+             'carrier': i} for i, pad in enumerate(specimen.body.pads) for back in RODS]
+    nodes = specimen.mesh.nodes
+    middle, half = 0.5 * (nodes.max(axis=0) + nodes.min(axis=0)), 0.5 * np.ptp(nodes, axis=0)
+    return rods + [{'metal': tuple(map(float, middle + sign * (half[k] + BESIDE) * np.eye(3)[k]))}
+                   for k in range(3) for sign in (-1.0, 1.0)]
+
+
 def _windows(cls, specimen, occasions):
     return [{'onset': float(start), 'duration': float(end - start)}
             for start, end in occasions.windows]
@@ -168,8 +179,8 @@ _CHOICES = (
     _Choice(_has('marker'), lambda cls, s, o: [{'marker': name} for name in s.markers]),
     _Choice(_has('stream'), lambda cls, s, o: [{'stream': kind}
                                                for kind in ('em', 'optical', 'force')]),
-    _Choice(_has('pad_coupling'), lambda cls, s, o: [{'pad': i} for i in
-                                                     (-1, *range(len(s.pads)))]),
+    _Choice(_called('em_distortion'), lambda cls, s, o: [
+        *({'pad': i} for i in (-1, *range(len(s.pads)))), *_metals(s)]),
     _Choice(_called('inclusion'),
             lambda cls, s, o: _centres(interior_places(s.mesh, INTERIOR))),
     _Choice(_called('base_debond'),

@@ -26,9 +26,9 @@ STEPS = {'radius': 0.1, 'bump_radius': 0.1, 'thickness': 0.1,   # seen by points
 LONGEST = 2.0       # prior standard deviations that one step of a fit may take
 HALF = 1.6449       # standard deviations on either side that hold 90 %
 FAINT = -2.0        # prior standard deviations: start of a positive number given as none
-# Numbers that say nothing while a strength is off.
+# Numbers that say nothing while a strength of their term is off.
 IDLE_WITHOUT = {'bump_centre': 'bump_height', 'bump_radius': 'bump_height', 'tau1': 'g1',
-                'tau2': 'g2'}
+                'tau2': 'g2', 'metal': 'pull', 'centre': 'gradient', 'extent': 'gradient'}
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,8 @@ def _is_free(one, name):
         return name in active
     if name in ('onset', 'duration') and 'rate' not in quantities(one.cls):
         return False
-    if name in IDLE_WITHOUT and IDLE_WITHOUT[name] not in active:
+    needed = IDLE_WITHOUT.get(name)
+    if needed in one.cls.__dataclass_fields__ and needed not in active:
         return False
     return name in one.place or info.prior is not None
 

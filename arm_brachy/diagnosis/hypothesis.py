@@ -11,8 +11,10 @@ import numpy as np
 from arm_brachy.core.quantity import quantities
 
 FAINT = 1e6     # times the typical value: as good as infinite where a parameter has no bound
-# Strength -> field of the place that it alone depends on: it is free only where that is given.
-TIED = {'bump_height': 'bump_centre', 'g1': 'tau1', 'g2': 'tau2'}
+# Strength -> field of the place that it alone depends on, in terms that have that field: it is
+# free only where that is given.
+TIED = {'bump_height': 'bump_centre', 'g1': 'tau1', 'g2': 'tau2', 'pull': 'metal',
+        'gradient': 'pad', 'rotation': 'pad', 'pad_coupling': 'pad'}
 
 
 @dataclass(frozen=True)
@@ -138,12 +140,18 @@ class Hypothesis:
         A bump has a place, the height of the body beside it is the same at each.
         """
         one = self.strengths[k]
-        others = {TIED[s.name] for s in strengths(self.cls) if s.name in TIED} - {
-            TIED.get(one.name)}
+        others = {tie_of(self.cls, s.name) for s in strengths(self.cls)} - {
+            None, tie_of(self.cls, one.name)}
         if not others:
             return None
         return (self.cls, one.name, one.component,
                 tuple(sorted((f, v) for f, v in self.place.items() if f not in others)))
+
+
+def tie_of(cls, strength):
+    """The field of a term class that a strength of this name is `TIED` to; None = to none."""
+    field = TIED.get(strength)
+    return field if field in cls.__dataclass_fields__ else None
 
 
 def hypothesis(cls, names=None, **place):

@@ -181,7 +181,7 @@ def _cause(cause, body):
 def _chosen(key, value, body):
     if key == 'actuators':   # indices into the bank, which has the order of the pads
         return f'of {wording.listed([body.pads[i].name for i in value])}'
-    if key == 'pad':
+    if key in ('pad', 'carrier'):
         return f'with {body.pads[value].name}'
     return f'{key} {value if isinstance(value, str) else wording.listed(map(str, value))}'
 

@@ -337,6 +337,17 @@ def test_a_marker_that_turns_by_itself_is_no_gain_and_no_direction_of_its_pad(re
     assert float(told[1]) == pytest.approx(1.5, rel=0.05)
 
 
+def test_what_nothing_explains_in_recordings_of_unlike_length_has_its_page(record, tmp_path):
+    pair = [turned(record(seed=seed, name=name, legs=legs), 'pad_1', np.radians(1.5) / 1e-3)
+            for seed, name, legs in ((1, 'long', PUSHES[:2]), (2, 'short', PUSHES[:1]))]
+    found = diagnose(pair, source(), meshes=MESHES)
+    d = found.diagnosis
+    assert d.verdict == 'unexplained' and d.causes == ()
+    assert (OPTICAL, 'pad_1') in {(place.stream, place.channel) for place in d.where}
+    page = write_diagnosis(d, found.shown, tmp_path / 'page.html').read_text()
+    assert 'no term of the catalogue explains' in page and 'short' in page
+
+
 @pytest.mark.parametrize('legs', [PUSHES, PUSHES[:1] * 4], ids=['certain', 'yield or gain'])
 def test_a_marker_on_a_post_that_bends_is_no_yield_of_its_pad(record, legs):
     """Its motion falls short in proportion to force, as a yielding actuator's would."""

@@ -230,11 +230,12 @@ def test_shown_carries_no_traces_unless_given(shown, answers):
     assert Shown(shown(answers['named']).body).traces == ()
 
 
+@pytest.mark.parametrize('field', ['pad', 'carrier'])
 @pytest.mark.parametrize('pad, told', [(1, True), (-1, False)])
-def test_metal_on_a_pad_is_told_by_its_name(answers, shown, tmp_path, pad, told):
+def test_metal_on_a_pad_is_told_by_its_name(answers, shown, tmp_path, field, pad, told):
     d = replace(answers['named'], where=(), when=(), causes=(Cause(
         'em_distortion', {'pad_coupling': Estimate((0.1, 0.0, 0.0), (0.08, 0.0, 0.0),
-                                                   (0.12, 0.0, 0.0))}, {'pad': pad}, 0.99),))
+                                                   (0.12, 0.0, 0.0))}, {field: pad}, 0.99),))
     page = Page(write_diagnosis(d, bare(shown(d)), tmp_path / 'page.html'))
     assert ('with pad_2' in page.text) == told
     assert '-1' not in page.text

@@ -55,6 +55,31 @@ def test_pad_part_is_proportional_to_travel_and_the_same_everywhere():
     np.testing.assert_array_equal(_error(one, points), 0.0)
 
 
+def test_near_metal_draws_by_the_inverse_cube_of_its_distance():
+    """1 mm at 50 mm: 8 mm at 25, 1/8 mm at 100, and no more than at 10 mm."""
+    term = EmDistortion(gradient=0.0, pull=(0.0, 1e-3, 0.0), metal=(0.1, 0.0, 0.0))
+    away = np.array([0.05, 0.025, 0.1, 0.01, 0.002])
+    points = np.array([0.1, 0.0, 0.0]) + np.outer(away, [0.0, -0.6, 0.8])
+    np.testing.assert_allclose(_error(term, points)[:, 1],
+                               [1e-3, 8e-3, 0.125e-3, 0.125, 0.125], rtol=1e-9)
+    np.testing.assert_array_equal(_error(term, points)[:, [0, 2]], 0.0)
+
+
+def test_metal_on_a_pad_comes_closer_with_it():
+    """From 60 to 50 mm by a push of 10: from 0.5787 to 1 mm; that of no pad stays."""
+    pull = {'gradient': 0.0, 'pull': (1e-3, 0.0, 0.0), 'metal': (0.0, 0.0, 0.06)}
+    pads = np.array([[0.0, 0.0, -0.01], [0.02, 0.0, 0.0]])
+    for carrier, expected in ((0, 1.0), (-1, (5 / 6)**3)):
+        error = _error(EmDistortion(**pull, carrier=carrier), [0.0, 0.0, 0.0], pads)
+        np.testing.assert_allclose(error, [[1e-3 * expected, 0.0, 0.0]], rtol=1e-9)
+
+
+def test_an_unknown_carrier_is_refused():
+    with pytest.raises(ConfigError, match='carrier = 2; must be -1'):
+        EmDistortion(carrier=2, pull=(1e-3, 0.0, 0.0)).distort(0.0, ('t',), np.zeros((1, 3)),
+                                                               AT_REST)
+
+
 def test_unknown_pad_is_refused():
     with pytest.raises(ConfigError, match='pad = 2; must be -1'):
         EmDistortion(pad=2).distort(0.0, ('t',), np.zeros((1, 3)), AT_REST)
