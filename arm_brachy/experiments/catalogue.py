@@ -7,6 +7,7 @@ Each module has a NAME, as on the command line, and `reproduce(folder)`, which t
 from arm_brachy.experiments import (
     diagnosis_laboratories,
     diagnosis_study,
+    diagnosis_time,
     dome_rig,
     element_accuracy,
     figure_3_2,
@@ -22,6 +23,6 @@ from arm_brachy.experiments.half_cylinder import study as half_cylinder
 
 EXPERIMENTS = {module.NAME: module.reproduce
                for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig,
-                             element_accuracy, reduced_model, diagnosis_study,
+                             element_accuracy, reduced_model, diagnosis_study, diagnosis_time,
                              diagnosis_laboratories, dome_faults, gel_block, half_cylinder,
                              node_errors)}

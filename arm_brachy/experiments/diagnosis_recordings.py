@@ -54,8 +54,8 @@ class _Watched:
         return self.readings[-1]
 
 
-def move(plant):
-    """Run the protocol on a Plant; returns Motion.
+def move(plant, also=()):
+    """Run the protocol on a Plant, terms `also` in it; returns Motion.
 
     Raises NotConverged if the tissue was not solved at every tick or a move was not made.
     """
@@ -64,6 +64,7 @@ def move(plant):
     terms = [ActuatorGain(gain=0.0, offset=d, actuators=(i,)) for i, d in enumerate(plant.touch)]
     if plant.planted is not None:
         terms.append(plant.planted.term)
+    terms.extend(also)
     loop = inprocess.InProcess(_cell(plant.name, 0, terms, mesh=mesh, E=scale), sensors=())
     loop.body = watched = _Watched(loop.body)
     while not loop.finished:

@@ -5,11 +5,14 @@ import json
 import numpy as np
 import pytest
 
+from arm_brachy.core.random import stream
 from arm_brachy.diagnosis.diagnosis import Diagnosis, Provenance
 from arm_brachy.diagnosis.statements import Place
 from arm_brachy.experiments.diagnosis_cases import labels
 from arm_brachy.experiments.diagnosis_plan import base_cell, plan
 from arm_brachy.experiments.diagnosis_recordings import Motion
+
+MM = 1e-3
 
 
 @pytest.fixture(scope='session')
@@ -48,3 +51,17 @@ def motion():
     force[:, :, 2] = 1.0
     return Motion(t, np.zeros((80, 4)), np.tile(rest, (80, 1, 1)), np.zeros((80, 4, 3)),
                         force)
+
+
+@pytest.fixture
+def push():
+    """Motion of a pad that moved alone."""
+    rng, t = stream(1, 'test'), np.linspace(0.1, 9.9, 200)
+    scene = base_cell().scene
+    motion = Motion(t, *(np.zeros(shape) for shape in (
+        (200, 4), (200, 31, 3), (200, 4, 3), (200, 4, 3))))
+    motion.points[:] = [p.position for p in (*scene.markers, *scene.targets)]
+    motion.encoder[60:120, 0] = 5 * MM
+    motion.points[60:120, 19, 0] -= 5 * MM      # the marker on pad_1
+    motion.force[:] = rng.normal(0.0, 0.01, motion.force.shape)
+    return motion

@@ -5,16 +5,14 @@ import json
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-import numpy as np
 import pytest
 
 from arm_brachy.core.errors import NotConverged
-from arm_brachy.core.random import stream
 from arm_brachy.diagnosis.diagnosis import Diagnosis, Provenance
 from arm_brachy.experiments import diagnosis_cases as cases
 from arm_brachy.experiments import diagnosis_study as study
-from arm_brachy.experiments.diagnosis_plan import base_cell, plan
-from arm_brachy.experiments.diagnosis_recordings import Motion, observe
+from arm_brachy.experiments.diagnosis_plan import plan
+from arm_brachy.experiments.diagnosis_recordings import observe
 from arm_brachy.experiments.diagnosis_score import score
 
 MM = 1e-3
@@ -28,20 +26,6 @@ def detect(evidences, scene, *, seed):
     source = Provenance('stub', seed, 'unknown', 'none', str(scene), ())
     one, = evidences
     return Diagnosis('nothing_missing', source, notes=(one.name,))
-
-
-@pytest.fixture
-def push():
-    """Motion of a pad that moved alone."""
-    rng, t = stream(1, 'test'), np.linspace(0.1, 9.9, 200)
-    scene = base_cell().scene
-    motion = Motion(t, *(np.zeros(shape) for shape in (
-        (200, 4), (200, 31, 3), (200, 4, 3), (200, 4, 3))))
-    motion.points[:] = [p.position for p in (*scene.markers, *scene.targets)]
-    motion.encoder[60:120, 0] = 5 * MM
-    motion.points[60:120, 19, 0] -= 5 * MM      # the marker on pad_1
-    motion.force[:] = rng.normal(0.0, 0.01, motion.force.shape)
-    return motion
 
 
 @pytest.fixture
