@@ -7,10 +7,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from arm_brachy.diagnosis.adequacy import scan
+from arm_brachy.diagnosis.decide import Rules
 from arm_brachy.diagnosis.fitted import fit_in_full, parts_of
 from arm_brachy.diagnosis.held_out import with_found
 from arm_brachy.diagnosis.inference import Beside, evidence_over_none, stacked
-from arm_brachy.diagnosis.laplace import gain_over_response
+from arm_brachy.diagnosis.laplace import Gain, gain_over_response
 from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue, past_errors
 from arm_brachy.diagnosis.model_error import Accuracy
 from arm_brachy.diagnosis.pooled_tests import Past
@@ -26,11 +27,12 @@ class FullFits:
     accuracy : model_error.Accuracy, None = its defaults: how well a law can hold
     ends : ids of hypotheses -> Fitted.end of fits of the same recordings in other noise, from
         which those of these begin, and go on where they did not settle; those made here are added
+    quiet : FullFits of the same recordings in quieter noise, None = there are none
     """
 
-    def __init__(self, assembly, rng, accuracy=None, ends=None):
+    def __init__(self, assembly, rng, accuracy=None, ends=None, quiet=None):
         self._assembly, self._rng, self._known, self._gains = assembly, rng, {}, {}
-        self._ends = {} if ends is None else ends
+        self._ends, self._quiet, self._worth = {} if ends is None else ends, quiet, {}
         self._law = (accuracy or Accuracy()).law
 
     def of(self, candidate):
@@ -42,11 +44,15 @@ class FullFits:
 
     def _fit(self, candidate):
         """The Fitted of a decide.Candidate, begun where that of other noise ended."""
-        hypotheses = tuple(id(self._assembly.hypothesis_of(e)[0]) for e in candidate.explanations)
+        hypotheses = self._hypotheses(candidate)
         found = fit_in_full(self._assembly, candidate, self._law, self._ends.get(hypotheses))
         if found.end is not None:
             self._ends[hypotheses] = found.end
         return found
+
+    def _hypotheses(self, candidate):
+        """Ids of the hypotheses of a decide.Candidate: the same in any noise."""
+        return tuple(id(self._assembly.hypothesis_of(e)[0]) for e in candidate.explanations)
 
     def check(self, candidate):
         """The adequacy.Scan of what it leaves, its numbers free to first order.
@@ -74,11 +80,29 @@ class FullFits:
         return evidence_over_none(seen.T @ shown, seen.T @ (weight * left))
 
     def gain(self, candidate):
-        """laplace.Gain of the full fit of a decide.Candidate; None if it did not settle."""
+        """laplace.Gain of the full fit of a decide.Candidate; None if it did not settle.
+
+        What was worth nothing in quieter noise is worth no more in this, and is not fitted again:
+        where it leaves the data as they are, no place of it is better than another.
+        """
         key = tuple(map(id, candidate.explanations))
         if key not in self._gains:
-            self._gains[key] = gain_over_response(self._assembly, candidate, self.of(candidate))
+            self._gains[key] = self._worthless(candidate) or gain_over_response(
+                self._assembly, candidate, self.of(candidate))
+            if self._gains[key]:
+                self._worth[self._hypotheses(candidate)] = Gain(
+                    candidate.evidence + self._gains[key].evidence,
+                    candidate.fit + self._gains[key].fit)
         return self._gains[key]
+
+    def _worthless(self, candidate):
+        """The Gain by which a Candidate is worth what little it was in quieter noise; None if it
+        was not fitted there, or promised something.
+        """
+        found = self._quiet and self._quiet._worth.get(self._hypotheses(candidate))
+        if not found or found.evidence >= Rules().promising:
+            return None
+        return Gain(found.evidence - candidate.evidence, found.fit - candidate.fit)
 
     def gone(self, candidate):
         """True if a cause of it may be nothing at all once its numbers are fitted in full.

@@ -45,9 +45,9 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
     """
     ends = {}
 
-    def judge(matched):
+    def judge(matched, quiet=None):
         assembly = assemble(matched, tried, sound)
-        fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy, ends)
+        fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy, ends, quiet)
         return assembly, fits, Judge(assembly.problem, stream(seed, 'decision'), check=fits.check,
                                      gone=fits.gone, weigh=fits.gain, beyond=fits.beyond)
 
@@ -70,7 +70,7 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
         notes = (*notes, said_of_limit(finer))
     if fault is not None or finer is not None:
         assembly, fits, one = judge(matched)
-    again = _once(lambda factors: judge(_louder(matched, factors)))
+    again = _once(lambda factors, quiet=fits: judge(_louder(matched, factors), quiet))
     factors, (assembly, fits, one) = _noise_beside((assembly, fits, one), again)
     decision = one.decide()
     if not factors and decision.verdict == 'unexplained' and decision.unproven is None:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from arm_brachy.diagnosis import full_fits
 from arm_brachy.diagnosis.cause import Estimate
 from arm_brachy.diagnosis.freedom import HALF
 from arm_brachy.diagnosis.full_fits import AS_GOOD, FullFits
@@ -125,3 +126,27 @@ def test_a_fit_begins_where_that_in_other_noise_ended(monkeypatch):
         for causes in (('lump',), ('lump', 'gap'), ('lump',)):
             fits.of(SimpleNamespace(explanations=causes))
     assert starts == [None, None, 'in quiet', None]
+
+
+@pytest.mark.parametrize(('gain', 'again'), [(-8.2, False), (-1.0, True)])
+def test_what_was_worth_nothing_in_quieter_noise_is_not_fitted_again(monkeypatch, gain, again):
+    """5.9 nats by its response, -2.3 by its fit; 3.6 in noise twice as loud, which is no more."""
+    asked, hypothesis = [], object()
+    assembly = SimpleNamespace(hypothesis_of=lambda explanation: (hypothesis, None))
+
+    def fitted(assembly, candidate, found):
+        asked.append(candidate.evidence)
+        return Gain(gain, gain)
+
+    monkeypatch.setattr(full_fits, 'gain_over_response', fitted)
+    one = SimpleNamespace(explanations=(object(),), evidence=5.9, fit=11.8)
+    loud = SimpleNamespace(explanations=(object(),), evidence=3.6, fit=9.0)
+    quiet = FullFits(assembly, None)
+    other = FullFits(assembly, None, quiet=quiet)
+    quiet.of = other.of = lambda candidate: None
+    worth = 5.9 + quiet.gain(one).evidence
+    found = other.gain(loud)
+    assert asked == [5.9, 3.6] if again else asked == [5.9]
+    if not again:
+        assert 3.6 + found.evidence == pytest.approx(worth)
+        assert 9.0 + found.fit == pytest.approx(11.8 + gain)
