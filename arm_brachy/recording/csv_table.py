@@ -7,6 +7,7 @@ import math
 import re
 import string
 import zlib
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,30 +108,43 @@ def count_frames(t_ns):
     return np.concatenate([[0], np.cumsum(counts)])
 
 
-def _read_rows(path, options):
+def read_header(path, options):
+    """Return the names of the columns (a tuple). Raises RecordingError if there are none."""
+    with _rows(path, options) as reader:
+        return _header(path, next(reader, None), options)
+
+
+@contextmanager
+def _rows(path, options):
+    """A csv.reader of a file at its header; trouble with the file is a RecordingError."""
     opener = gzip.open if str(path).endswith('.gz') else open
     try:
         with opener(path, 'rt', encoding='utf-8-sig', newline='') as stream:
             reader = csv.reader(stream, delimiter=options.delimiter, strict=True)
             for _ in range(options.header_line - 1):
                 next(reader, None)
-            header = _header(path, next(reader, None), options)
-            for _ in range(options.skip_below):
-                next(reader, None)
-            lines, rows = [], []
-            for row in reader:
-                if not row:
-                    continue
-                if len(row) != len(header):
-                    raise RecordingError(
-                        f'{path}:{reader.line_num}: {len(row)} cells; must be {len(header)} as in '
-                        'the header (a file cut off while it was written? delete the line)')
-                lines.append(reader.line_num)
-                rows.append(row)
+            yield reader
     except FileNotFoundError:
         raise RecordingError(f'{path}: no such file') from None
     except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
         raise RecordingError(f'{path}: cannot be read: {error}') from None
+
+
+def _read_rows(path, options):
+    with _rows(path, options) as reader:
+        header = _header(path, next(reader, None), options)
+        for _ in range(options.skip_below):
+            next(reader, None)
+        lines, rows = [], []
+        for row in reader:
+            if not row:
+                continue
+            if len(row) != len(header):
+                raise RecordingError(
+                    f'{path}:{reader.line_num}: {len(row)} cells; must be {len(header)} as in '
+                    'the header (a file cut off while it was written? delete the line)')
+            lines.append(reader.line_num)
+            rows.append(row)
     if not rows:
         raise RecordingError(f'{path}: holds no rows below the header')
     return header, np.array(lines), rows

@@ -14,9 +14,10 @@ from typing import Literal
 from ruamel.yaml import YAML
 
 from arm_brachy.core import config
-from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.errors import ConfigError, RecordingError
 from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, Region, Scene, Target
 from arm_brachy.recording.csv_map import ColumnMap, CsvFile, Encoders, Forces, Optical, Tools
+from arm_brachy.recording.csv_table import read_header
 
 Vector = tuple[float, float, float]
 SEED = 1  # a replay draws no random numbers; scenarios always state one
@@ -143,7 +144,8 @@ def import_scene(path, out_dir, *, name=None):
     name : of the scene, by default that of the folder the file is in
     The mesh and the CSV files stay where they are and are referred to by relative path.
     Returns a dict: scene, maps (recording -> path), unused (their keys that have no counterpart,
-    files of streams that they do not describe).
+    files of streams that they do not describe), absent (markers, tools and pads without a column
+    in the file of their stream, which the maps leave out).
     Raises ConfigError with file and line.
     """
     path, out_dir = Path(path), Path(out_dir)
@@ -155,16 +157,18 @@ def import_scene(path, out_dir, *, name=None):
     base = Path(os.path.relpath(path.resolve().parent, out_dir.resolve()))
     scene_file = out_dir / f'{name}.yaml'
     _write(scene_file, _scene(theirs, base, name))
-    maps = {}
+    maps, absent = {}, []
     for recording in theirs.recordings:
         maps[recording.name] = str(out_dir / f'{name}_{recording.name}.columns.yaml')
         columns = _columns(theirs, path, base, name, recording)
         unused += _left_out(columns, path.parent / recording.folder, recording)
+        columns, missing = _present(columns, path.parent / recording.folder)
+        absent += [f'{recording.folder}/{one}' for one in missing]
         _write(Path(maps[recording.name]), columns)
     scenario_file = out_dir / f'{name}.scenario.yaml'
     _dump(scenario_file, _scenario(theirs, name, scene_file.name))
     return {'scene': str(scene_file), 'scenario': str(scenario_file), 'maps': maps,
-            'unused': unused}
+            'unused': unused, 'absent': absent}
 
 
 def _scenario(theirs, name, scene_file):
@@ -216,6 +220,33 @@ def _left_out(columns, folder, recording):
     """Files of a recording that its ColumnMap does not read: the description is silent on them."""
     return [f'{recording.folder}/{kind}.csv.gz' for kind in ('forces', 'optical', 'em')
             if not getattr(columns, kind) and (folder / f'{kind}.csv.gz').exists()]
+
+
+def _present(columns, folder):
+    """(A ColumnMap without what no column of its file is of, 'file: name' of each left out).
+
+    A load cell that one pad lacks. Of a file in which nothing is found none is left out: its names
+    are others, and reading it says so.
+    """
+    kept, absent = {}, []
+    for kind in ('forces', 'optical', 'em'):
+        for part in getattr(columns, kind):
+            file = folder / Path(part.csv.path).name
+            header = _header_of(file, part.csv)
+            there = {name: key for name, key in part.names.items() if header.intersection(
+                part.columns.format(key=key, axis=axis) for axis in part.axes)}
+            if there and len(there) < len(part.names):
+                kept[kind] = (dataclasses.replace(part, names=there),)
+                absent += [f'{file.name}: {name}' for name in part.names if name not in there]
+    return dataclasses.replace(columns, **kept), absent
+
+
+def _header_of(file, options):
+    """Names of the columns of a file; none where it has no header, or is not there."""
+    try:
+        return set(read_header(file, options))
+    except RecordingError:
+        return set()
 
 
 def _names(points):

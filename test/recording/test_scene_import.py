@@ -1,5 +1,6 @@
 """Another laboratory's scene: geometry, sign and files arrive; what does not is reported."""
 
+import gzip
 from io import StringIO
 
 import numpy as np
@@ -87,6 +88,27 @@ def test_streams_that_were_not_recorded(rig, tmp_path, change, kept):
     assert {kind for kind in sections if f'rec/A/{kind}.csv.gz' in report['unused']} == (
         set(sections) - kept)
     assert {kind for kind in kept if sections[kind][0]['csv']['optional']} == kept - {'encoders'}
+
+
+def test_a_pad_without_a_load_cell_is_left_out_of_the_forces(rig, tmp_path):
+    """One that has a part of its columns is not, nor is any where no name is known."""
+    def three(theirs):
+        theirs['pads'] = [{**theirs['pads'][0], 'name': name} for name in 'pqr']
+
+    files = tmp_path / 'lab' / 'rec' / 'A'
+    files.mkdir(parents=True)
+    for kind, header in (('encoders', 't_s,q0_m,q1_m,q2_m'), ('forces', 't_s,f0x_N,f2x_N,f2y_N'),
+                         ('optical', 't_s,m_x_m,m_y_m,m_z_m'), ('em', 't_s,other_x_m')):
+        with gzip.open(files / f'{kind}.csv.gz', 'wt') as stream:
+            stream.write(f'{header}\n')
+    report = import_scene(rig(three), tmp_path / 'out')
+    with open(report['maps']['A'], encoding='utf-8') as stream:
+        columns = YAML(typ='safe').load(stream)
+    assert columns['forces'][0]['names'] == {'p': '0', 'r': '2'}
+    assert list(columns['encoders'][0]['names']) == ['p', 'q', 'r']
+    assert list(columns['optical'][0]['names']) == ['m']
+    assert list(columns['em'][0]['names']) == ['e']
+    assert report['absent'] == ['rec/A/forces.csv.gz: q', 'rec/A/optical.csv.gz: b']
 
 
 @pytest.mark.parametrize(('change', 'words'), [
