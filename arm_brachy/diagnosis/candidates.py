@@ -27,7 +27,7 @@ FIBRES = ((0.0, 90.0), *((a, 0.0) for a in (0.0, 45.0, 90.0, -45.0)),
 # Amplitudes at which responses are taken, of terms whose effect is far from proportional: a sector
 # off the base shows five times as much at 26 mm as at 15, and elsewhere.
 SIZES = {'base_debond': (0.7, 1.2)}
-RODS = (0.0, 0.03)      # m behind a pad's face: where the metal that it is on may be
+RODS = (0.0, 0.015, 0.03)   # m behind a pad's face: where the metal that it is on may be
 BESIDE = 0.03           # m from a body: metal that stays
 SECOND_BRANCH = 40.0    # s, beside a first that is faster by far: creep of tissue has both
 

@@ -28,7 +28,10 @@ HALF = 1.6449       # standard deviations on either side that hold 90 %
 FAINT = -2.0        # prior standard deviations: start of a positive number given as none
 # Numbers that say nothing while a strength of their term is off.
 IDLE_WITHOUT = {'bump_centre': 'bump_height', 'bump_radius': 'bump_height', 'tau1': 'g1',
-                'tau2': 'g2', 'metal': 'pull', 'centre': 'gradient', 'extent': 'gradient'}
+                'tau2': 'g2', 'centre': 'gradient', 'extent': 'gradient'}
+# Places that stay where they were tried. A piece of metal that may be anywhere has some place at
+# which it does whatever one tool alone does: of a tool on a taut lead it took 145 nats more.
+TRIED = ('metal',)
 
 
 @dataclass(frozen=True)
@@ -154,6 +157,8 @@ def _is_free(one, name):
     active = {s.name for s in one.strengths}
     if info.neutral is not None:
         return name in active
+    if name in TRIED:
+        return False
     if name in ('onset', 'duration') and 'rate' not in quantities(one.cls):
         return False
     needed = IDLE_WITHOUT.get(name)

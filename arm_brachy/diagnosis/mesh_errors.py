@@ -40,8 +40,9 @@ PLACE = 0.04            # of the median edge: how far off a mesh has what surrou
                         # its surface is off by a few hundredths of an edge (envelope of meshers)
 RIMS, ELEMENTS = 'rims', 'elements'
 SYSTEMATIC = (RIMS, ELEMENTS)       # names of columns of what a better mesh would change,
-MEMBER, CHANNEL = 'member', 'channel'   # and of what one would that is as good
-NAMES = (*SYSTEMATIC, MEMBER, CHANNEL)
+# and of what one would that is as good, or whose elements carry volume change at all points
+MEMBER, CHANNEL, IN_FULL = 'member', 'channel', 'in_full'
+NAMES = (*SYSTEMATIC, MEMBER, CHANNEL, IN_FULL)
 LARGEST = 1.4           # standard deviations that the largest of the members counts for
 
 
@@ -59,12 +60,18 @@ class EnsembleOptions:
                             'depth, as planted, is not found to explain its recording')
     shared: float = quantity(0.5, '', 'share of the variance that is kept as found, common to '
                              'channels', low=0.0, high=1.0, source='own choice')
+    in_full: float = quantity(1.0, '', 'of what it changes that quadratic elements carry volume '
+                              'change at all points, standard deviation for all pads together',
+                              low=0.0, high=10.0, source="other codes' plain elements do: one "
+                              'deviation on a mesh as coarse as ours, less on a finer one')
     limit: float = quantity(1.75, '', 'times what halving the elements changes, what elements of '
                             'no size do', low=0.0, high=10.0, source='1.5 to 2 by the forces of '
                             '19 pads on 4 bodies')
     limit_sd: float = quantity(0.35, '', 'standard deviation of that, for all pads together and '
                                'for each', low=0.0, high=10.0, source='own choice: the same '
                                '19 pads, 0.1 to 0.35 from pad to pad')
+    limit_in_full: float = quantity(0.5, '', 'the same, where the limit holds', low=0.0, high=10.0,
+                                    source='own choice: of elements half as wide, or less')
     limit_forces: float = quantity(1.0, '', 'times the deviations of forces within the ensemble, '
                                    'where the limit holds', low=0.0, high=100.0,
                                    source='own choice: 13 recordings of another code on finer '
@@ -161,14 +168,16 @@ def ensemble_of(model, rng, options=None):
 
     better = {name: off(one) for name, one in _better(model)}
     members = [off(_member(model, rng)) for _ in range(options.members)]
+    plain = off((replace(model.body, in_full=True), model.specimen))
     moves, size = np.any(own[0] != 0.0, axis=1), options.inflation
-    found = _ensemble(better, members, moves, options, _Sizes(
-        size, options.apart * size, size, size * np.ones(len(moves))))
+    found = _ensemble(better, members, plain, moves, options, _Sizes(
+        size, options.apart * size, size, size * np.ones(len(moves)), options.in_full))
     if ELEMENTS not in better or model.specimen.mesh.midside is None:
         return found    # from linear elements to quadratic ones is no step of a series
     forces = np.arange(len(moves)) >= len(moves) - len(model.specimen.pads)
-    left = _ensemble(better, members, moves, options, _Sizes(
-        options.limit_sd, options.limit_sd, size, np.where(forces, options.limit_forces, size)))
+    left = _ensemble(better, members, plain, moves, options, _Sizes(
+        options.limit_sd, options.limit_sd, size, np.where(forces, options.limit_forces, size),
+        options.limit_in_full))
     tangents, curvatures = (options.limit * pattern for pattern in better[ELEMENTS])
     return replace(found, limit=Limit(tangents, curvatures, left))
 
@@ -215,34 +224,39 @@ def _moved(model, body):
 @dataclass(frozen=True)
 class _Sizes:
     """Standard deviations: of what halving changes, for all pads together and for each; of what
-    fitted rims change; (k + e + p,) of what members deviate by.
+    fitted rims change; (k + e + p,) of what members deviate by; of what plain elements change.
     """
 
     together: float
     apart: float
     rims: float
     members: np.ndarray
+    in_full: float
 
 
-def _ensemble(better, members, moves, options, sizes):
-    """The Ensemble of better meshes, name -> (tangent, curvature), and members, a pair each."""
+def _ensemble(better, members, plain, moves, options, sizes):
+    """The Ensemble of better meshes, name -> (tangent, curvature), of members, and of elements
+    that carry volume change at all points, a pair each.
+    """
     found = [_columns({name: pair[order] for name, pair in better.items()},
-                      np.stack([pair[order] for pair in members]), moves, options.shared, sizes)
-             for order in (0, 1)]
+                      np.stack([pair[order] for pair in members]), sizes.in_full * plain[order],
+                      moves, options.shared, sizes) for order in (0, 1)]
     (names, tangents), (_, curvatures) = found
     return Ensemble(names, np.array([name in better for name in names]), tangents, curvatures)
 
 
-def _columns(better, members, moves, shared, sizes):
+def _columns(better, members, plain, moves, shared, sizes):
     """(names k, patterns (k + e + p, 3, p, k)) of better meshes, members and single channels.
 
     better : name -> pattern;  members : (s, k + e + p, 3, p);  shared : of EnsembleOptions
+    plain : (k + e + p, 3, p) of elements that carry volume change at all points
     moves : (k + e + p, p) channels that answer to a push at all;  sizes : _Sizes
     """
     apart = {name: (sizes.apart if name == ELEMENTS else sizes.rims) * pattern
              for name, pattern in better.items()}
     members = sizes.members[:, None, None] * members
     together = [(ELEMENTS, sizes.together * better[ELEMENTS])] if ELEMENTS in better else []
+    together += [(IN_FULL, plain)] if plain.any() else []   # linear elements have but one point
     columns = [*together, *_by_pad(apart), *_shared(members, shared),
                *_channels(np.stack([*members, *apart.values()]), moves, shared)]
     names, patterns = zip(*columns, strict=True)

@@ -150,6 +150,8 @@ class SoftBody:
         alpha M + beta K, which is Rayleigh damping (`viscosity.viscous_stress`)
     scene_nodes : (n, 3) [m] where the material of each node lies in the scene's own mesh, None =
         in the node there. What a scene places is found by it (`build.placement_mesh`)
+    in_full : quadratic elements carry volume change at all points, as plain ones of other codes
+        do, which lock a little (`element`); False = at the least that they stand on
     """
 
     mesh: TetMesh
@@ -167,6 +169,7 @@ class SoftBody:
     stiffening: np.ndarray | None = None
     fibres: Fibres | None = None
     scene_nodes: np.ndarray | None = None
+    in_full: bool = False
 
     @cached_property
     def beyond(self):
@@ -181,7 +184,7 @@ class SoftBody:
     @cached_property
     def geometry(self):
         """ElementGeometry of the mesh: linear or quadratic tetrahedra, as it has midside nodes."""
-        return element_geometry(self.mesh, self.mu, self.kappa)
+        return element_geometry(self.mesh, self.mu, self.kappa, in_full=self.in_full)
 
     @property
     def pad_names(self):

@@ -99,14 +99,16 @@ def signed_volumes(nodes, tets):
     return np.linalg.det(edge_matrices(nodes, tets)) / 6.0
 
 
-def element_geometry(mesh, mu, kappa):
+def element_geometry(mesh, mu, kappa, *, in_full=False):
     """Return the ElementGeometry of a TetMesh, quadratic if it has midside nodes.
 
     mu, kappa : (m,) [Pa], for how much of the bulk modulus is not spread
+    in_full : spread all of it
     """
     if mesh.midside is None:
         return linear_tet(mesh.nodes, mesh.tets)
-    return quadratic_tet(mesh.nodes, mesh.connectivity, np.minimum(1.0, SPREAD * mu / kappa))
+    spread = np.ones(len(mu)) if in_full else np.minimum(1.0, SPREAD * mu / kappa)
+    return quadratic_tet(mesh.nodes, mesh.connectivity, spread)
 
 
 def linear_tet(nodes, tets):

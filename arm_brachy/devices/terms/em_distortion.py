@@ -58,7 +58,8 @@ class EmDistortion(SensingTerm):
                '32:2371): by the cube 0.3 mm at 50 mm, of larger pieces more', neutral=0.0)
     metal: tuple = quantity(
         [0.0, 0.0, 0.0], 'mm', 'where it is at rest, world frame', low=-1000.0, high=1000.0,
-        shape=(3,), prior=('normal', 0.0, 100.0), source='in reach of an error, any side')
+        shape=(3,), prior=('normal', 0.0, 100.0),
+        source='engineering judgement: within the reach of its error')
     carrier: int = -1  # index of the pad that it is on; -1 means none, it stays
 
     spec: ClassVar[TermSpec] = TermSpec(

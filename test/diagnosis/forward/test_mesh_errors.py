@@ -17,6 +17,7 @@ from arm_brachy.diagnosis.transmission import Path
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.mesh import boundary_faces, volumes
 from arm_brachy.tissue.meshing import mean_ratio
+from arm_brachy.tissue.newton import StaticSolver
 
 SCENES = config_dir() / 'scenes'
 STATES = np.array([2.5, 7.4, 9.0])
@@ -131,6 +132,27 @@ def test_what_finer_elements_change_is_shared_by_the_pads_and_in_part_their_own(
             assert np.allclose(values[..., single].sum(axis=3), own * values[..., together],
                                rtol=1e-9, atol=1e-12)
         assert np.abs(errors.values['force'][..., together]).max() > 1e-3
+
+
+def test_elements_that_carry_volume_change_at_all_points_are_one_column(errors, baseline,
+                                                                         quadratic):
+    """To second order in the pushes, 6 to 8 mm: of what full solves say to an eighth."""
+    found = [errors.values[kind][..., np.array(errors.names) == 'in_full'].sum(axis=3)
+             for kind in ('optical', 'force')]
+    ours, plain = (StaticSolver(replace(quadratic.body, in_full=full)) for full in (False, True))
+    points = baseline.model.attached.matrix(len(quadratic.body.mesh.nodes))
+    for i in range(len(STATES)):
+        one, other = (s.solve(baseline.x(i), baseline.pads(i)) for s in (ours, plain))
+        moved = (points @ (other.x - one.x))[:found[0].shape[1]]
+        for change, column in zip((moved, other.pad_force - one.pad_force), found, strict=True):
+            assert np.linalg.norm(column[i] - change) < 0.125 * np.linalg.norm(change)
+        assert np.abs(moved).max() > 1e-4
+
+
+def test_linear_elements_have_no_other_points(linear, encoder):
+    model = ForwardModel(linear)
+    ensemble = ensemble_of(model, np.random.default_rng(3), EnsembleOptions(members=1))
+    assert 'in_full' not in ensemble.names
 
 
 def test_equal_seeds_give_equal_companions(quadratic):
