@@ -8,6 +8,7 @@ from arm_brachy.core.errors import InputError, MeshError, NotConverged
 from arm_brachy.core.quantity import quantities
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis.cause import Cause, Estimate
+from arm_brachy.diagnosis.decide import Rules
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.held_out import Part, chords
 from arm_brachy.diagnosis.hypothesis import hypothesis
@@ -19,7 +20,7 @@ from arm_brachy.diagnosis.nuisances import MODULUS, TOUCH
 from arm_brachy.diagnosis.off_zero import matters, otherwise
 from arm_brachy.diagnosis.preload import preload
 from arm_brachy.diagnosis.recording_fit import Data
-from arm_brachy.diagnosis.refit import Refit, refit
+from arm_brachy.diagnosis.refit import Options, Refit, refit
 from arm_brachy.diagnosis.standing_back import standing_back
 from arm_brachy.diagnosis.stream import FORCE
 from arm_brachy.diagnosis.transmission import Path
@@ -30,6 +31,9 @@ CORNER = 0.02       # of the largest travel, that a path may be off between its 
 STATES = 20         # of each recording at which causes are fitted in full,
 SHOWING = 6         # and those in which they show most
 FAINTER = 0.5**np.arange(6)      # of what responses ask for, tried as a start
+# Forward runs of each recording for a cause that its response does not claim: what has not settled
+# by then is worth what its response says. A wall takes a dozen for one set of derivatives.
+RUNS_OF_FAINT = 30
 TANGENT, CHORD, AS_FOUND = 'tangent', 'chord', 'as found'    # of `parts_of`
 
 
@@ -112,18 +116,21 @@ def fit_in_full(assembly, candidate, law, start=None):
         i for i, one in enumerate(hypotheses) if not one.acts_in(number)))
         for number, (m, some) in enumerate(zip(suspects, kept, strict=True))]
     modulus = hypothesis(StiffnessScale)
+    options = options_for(candidate)
     try:
         sizes = [possible_start(suspects[0].baseline.model.specimen.body, *x)
                  for x in zip(hypotheses, amplitudes, strict=True)]
         back = tuple(_off_zero(m, one, hypotheses, sizes)
                      for m, one in zip(suspects, data, strict=True))
         data = [one.beside(columns) for one, columns in zip(data, back, strict=True)]
-        found = refit(data, (*hypotheses, modulus), (*sizes, np.zeros(1)), start=start)
+        found = refit(data, (*hypotheses, modulus), (*sizes, np.zeros(1)), start=start,
+                      options=options)
         more = _as_found(suspects, data, found)
         if more:
             data = [one.beside(columns) for one, columns in zip(data, more, strict=True)]
             back = tuple(np.hstack(pair) for pair in zip(back, more, strict=True))
-            found = refit(data, (*hypotheses, modulus), (*sizes, np.zeros(1)), start=found.z)
+            found = refit(data, (*hypotheses, modulus), (*sizes, np.zeros(1)), start=found.z,
+                          options=options)
     except (NotConverged, InputError, InvertedElement) as error:
         amplitudes = [_allowed(*x) for x in zip(hypotheses, amplitudes, strict=True)]
         estimates = tuple(unsettled(*x) for x in zip(hypotheses, amplitudes, strict=True))
@@ -139,6 +146,12 @@ def fit_in_full(assembly, candidate, law, start=None):
     estimates = found.space.estimates(found.z, found.mean, covariance)
     return Fitted(hypotheses, found.terms[:n], tuple(estimates[i] for i in range(n)), found,
                   kept, estimates[n]['factor'], back=back, covariance=covariance, end=found.z)
+
+
+def options_for(candidate):
+    """The refit.Options of a decide.Candidate by its response: a faint one is soon given up."""
+    faint = candidate.evidence < Rules().evidence
+    return Options(runs=RUNS_OF_FAINT) if faint else Options()
 
 
 def _off_zero(m, data, hypotheses, amplitudes):

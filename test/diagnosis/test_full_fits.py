@@ -7,6 +7,7 @@ import pytest
 
 from arm_brachy.diagnosis import full_fits
 from arm_brachy.diagnosis.cause import Estimate
+from arm_brachy.diagnosis.fitted import options_for
 from arm_brachy.diagnosis.freedom import HALF
 from arm_brachy.diagnosis.full_fits import AS_GOOD, FullFits
 from arm_brachy.diagnosis.laplace import Gain
@@ -126,6 +127,11 @@ def test_a_fit_begins_where_that_in_other_noise_ended(monkeypatch):
         for causes in (('lump',), ('lump', 'gap'), ('lump',)):
             fits.of(SimpleNamespace(explanations=causes))
     assert starts == [None, None, 'in quiet', None]
+
+
+@pytest.mark.parametrize(('evidence', 'runs'), [(5.9, 30), (6.1, 60)])
+def test_what_its_response_does_not_claim_is_soon_given_up(evidence, runs):
+    assert options_for(SimpleNamespace(evidence=evidence)).runs == runs
 
 
 @pytest.mark.parametrize(('gain', 'again'), [(-8.2, False), (-1.0, True)])
