@@ -32,6 +32,9 @@ LATER_PART = 0.5     # of a later stretch that is taken: its end, when the tissu
 LEAST_IDLE = 20      # samples of idle below which the data sheet is asked
 SILENT = 1e-3        # of the data sheet's noise: no sensor has less
 PRIOR_SAMPLES = 30   # idle samples that the pooled variance of a stream counts for
+FIRST = 0.2          # s in which such a body is held, at the least
+DEPARTED, CLEAR = 0.1, 0.05     # of its largest way, and s before that, which are no hold any more
+QUIETER = 0.5        # times the variance of its end, for the time in which it is held to be taken
 STILL_SHARE = 0.2    # of what follows the release of a body without pads: it has come to rest
 
 
@@ -106,12 +109,13 @@ def noise_of(evidence, devices=None, colours=None, events=()):
     colours : kind -> Colour that is known from elsewhere, None = none
     events : [s] at which something happened that sets off what follows
     Idle is the time before the first push, and if that is less than 5 s also the second half of
-    the later stretches in which the pads stand; of a body without pads it is the last fifth of
-    what follows its fastest motion. What may be creep is taken out as a parabola. Noise that
-    outlasts such stretches shows between rests without a push, if these are the idle
-    (`over_rests`); how much more they differ is left in doubt (`excess`). Variances of channels
-    are pooled, the pool weighing 30 samples; an encoder that shows no noise has that of its
-    quantisation.
+    the later stretches in which the pads stand; of a body without pads it is the time in which it
+    is held or the last fifth of what follows its fastest motion, whichever is clearly the quieter:
+    a hand may hold it, and it may ring until the end. What may be creep is taken out as a
+    parabola. Noise that outlasts such stretches shows between rests without a push, if these are
+    the idle (`over_rests`); how much more they differ is left in doubt (`excess`). Variances of
+    channels are pooled, the pool weighing 30 samples; an encoder that shows no noise has that of
+    its quantisation.
     """
     spans, out = idle_spans(evidence), {}
     rests = undisturbed(rest_spans(evidence), events)
@@ -129,8 +133,11 @@ def idle_spans(evidence):
     """
     motion = motion_of(evidence)
     if motion is None:
-        start, end = _fastest(evidence), evidence.span[1]
-        return ((end - STILL_SHARE * (end - start), end, False),)
+        released, end = _fastest(evidence), evidence.span[1]
+        held = (evidence.span[0], _departure(evidence), False)
+        last = (end - STILL_SHARE * (end - released), end, False)
+        quieter = _restless(evidence, *held[:2]) < QUIETER * _restless(evidence, *last[:2])
+        return (held if quieter else last,)
     first = evidence.get(ENCODER).t[0]
     spans = []
     for start, end, _ in motion.stills():
@@ -144,10 +151,39 @@ def idle_spans(evidence):
     return tuple(spans)
 
 
+def _restless(evidence, start, end):
+    """Variance [SI] of what is seen from `start` to `end` [s], a parabola taken out, the mean over
+    channels; infinite where too little is seen.
+    """
+    stream = _first_stream(evidence)
+    rows = slice(*np.searchsorted(stream.t, (start, end)))
+    values = stream.values[rows].reshape(-1, stream.values[0].size)
+    values = values[:, np.isfinite(values).sum(axis=0) >= LEAST_IDLE]
+    if not values.size:
+        return np.inf
+    powers = np.vander(np.linspace(-1.0, 1.0, len(values)), 3)
+    left = [np.linalg.lstsq(powers[seen], column[seen], rcond=None)[1] / (seen.sum() - 3)
+            for column in values.T for seen in (np.isfinite(column),)]
+    return float(np.mean(np.concatenate(left)))
+
+
+def _departure(evidence):
+    """Time [s] up to which a body without pads is held: before its first tenth of the way."""
+    stream = _first_stream(evidence)
+    first = np.ma.masked_invalid(stream.values[stream.t < stream.t[0] + FIRST]).mean(axis=0)
+    far = np.nan_to_num(np.linalg.norm(stream.values - first.filled(np.nan), axis=2))
+    gone = (far > DEPARTED * far.max()).any(axis=1)
+    return float(stream.t[int(np.argmax(gone))] - CLEAR)
+
+
+def _first_stream(evidence):
+    return next(evidence.streams[kind] for kind in (OPTICAL, EM, FORCE)
+                if kind in evidence.streams)
+
+
 def _fastest(evidence):
     """Time [s] within the span at which a body without pads moves fastest: it was let go there."""
-    stream = next(evidence.streams[kind] for kind in (OPTICAL, EM, FORCE)
-                  if kind in evidence.streams)
+    stream = _first_stream(evidence)
     steps = np.linalg.norm(np.nan_to_num(np.diff(stream.values, axis=0)), axis=2).sum(axis=1)
     return float(np.clip(stream.t[int(np.argmax(steps))], *evidence.span))
 

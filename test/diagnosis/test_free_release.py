@@ -15,6 +15,7 @@ from arm_brachy.diagnosis.free_release import release_of
 from arm_brachy.diagnosis.free_table import CREEP, DAMPING, FREQUENCY, case_of, predicted
 from arm_brachy.diagnosis.free_trace import Description, left, of_repeat
 from arm_brachy.diagnosis.prepared import prepare
+from arm_brachy.diagnosis.stream import OPTICAL
 from arm_brachy.evaluation.timeseries import OpticalFrames, RunData
 
 AT, LASTS, STEP = 0.5, 5.0, 0.01    # s
@@ -39,12 +40,15 @@ def motion(t, swing=1.0):
 
 
 def prepared(seed=0, swing=1.0, odd=0.0, returns=False, begin=0.0, end=LASTS, hidden=(),
-             order=None):
-    """hidden : (marker on the tissue, from, to [s]) each;  order : of markers under the names"""
+             order=None, hand=0.0):
+    """hidden : (marker on the tissue, from, to [s]) each;  order : of markers under the names
+    hand : [m] by which what holds it goes to and fro
+    """
     t = np.arange(round(begin / STEP), round(end / STEP)) * STEP
     points = np.tile([*PLACES.values(), *BASE.values()], (len(t), 1, 1))
     went = motion(t, swing)
     points[:, :2] += went * (t < AT + 1.0)[:, None, None] if returns else went
+    points[:, :2, 2] += hand * np.where(t < AT, np.sin(8.0 * np.pi * t), 0.0)[:, None]
     points[t > AT, 4, 0] += odd
     points += np.random.default_rng(seed).normal(0.0, NOISE, points.shape)
     points = points[:, list(order or range(len(points[0])))]
@@ -103,6 +107,15 @@ def test_a_marker_that_is_lost_for_a_while_takes_part(release):
 def test_what_shows_no_release_from_rest_to_rest_is_refused(made, said):
     with pytest.raises(RecordingError, match=said):
         release_of(prepared(**made))
+
+
+@pytest.mark.parametrize(('end', 'held'), [(1.4, True), (LASTS, True), (40.0, True),
+                                           (40.0, False)])
+def test_noise_is_that_of_where_it_is_quieter(end, held):
+    """Of 1.4 s all are ringing but the first half; a hand that moves by 0.3 mm is no rest."""
+    noise = prepared(end=end, hand=0.0 if held else 3e-4).noise[OPTICAL]
+    assert noise.sd == pytest.approx(NOISE, rel=0.5)
+    assert (noise.idle > 1.0) == (end == 40.0)
 
 
 def test_a_long_rest_after_the_ringing_does_not_hide_it():
