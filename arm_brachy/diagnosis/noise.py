@@ -18,6 +18,7 @@ from arm_brachy.diagnosis.colour import (
 )
 from arm_brachy.diagnosis.counts import quantum
 from arm_brachy.diagnosis.motion import motion_of
+from arm_brachy.diagnosis.registration import FIRST
 from arm_brachy.diagnosis.rest_colour import over_rests
 from arm_brachy.diagnosis.rests import (
     ENOUGH_IDLE,
@@ -32,7 +33,6 @@ LATER_PART = 0.5     # of a later stretch that is taken: its end, when the tissu
 LEAST_IDLE = 20      # samples of idle below which the data sheet is asked
 SILENT = 1e-3        # of the data sheet's noise: no sensor has less
 PRIOR_SAMPLES = 30   # idle samples that the pooled variance of a stream counts for
-FIRST = 0.2          # s in which such a body is held, at the least
 DEPARTED, CLEAR = 0.1, 0.05     # of its largest way, and s before that, which are no hold any more
 QUIETER = 0.5        # times the variance of its end, for the time in which it is held to be taken
 STILL_SHARE = 0.2    # of what follows the release of a body without pads: it has come to rest

@@ -7,19 +7,14 @@ after another, on one thread: nothing else should run meanwhile.
 Test: experiments/test_diagnosis_time.py
 """
 
-import os
 import resource
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 from arm_brachy.core.paths import share_dir
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.diagnose import diagnose
-from arm_brachy.diagnosis.diagnosis import Provenance
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.evaluation.result import Result, Target, commit_of, machine_description
@@ -27,7 +22,8 @@ from arm_brachy.experiments import dome_rig, recordings
 from arm_brachy.experiments.diagnosis_cases import load, store
 from arm_brachy.experiments.diagnosis_plan import SCENE, Case, Plant
 from arm_brachy.experiments.diagnosis_recordings import move, observe
-from arm_brachy.experiments.parallel import on_one_thread
+from arm_brachy.experiments.diagnosis_study import absolute
+from arm_brachy.experiments.parallel import process_pool
 from arm_brachy.offline import load_run
 from arm_brachy.registry import parse_terms
 
@@ -82,8 +78,8 @@ def _recorded(case, terms, folder):
 
 def alone(one):
     """The row of a Timed, answered in a process of its own, which nothing was done in before."""
-    with ProcessPoolExecutor(1, get_context('spawn')) as pool:
-        return pool.submit(on_one_thread, answered, one).result()
+    with process_pool(1) as pool:
+        return pool.submit(answered, one).result()
 
 
 def answered(one):
@@ -91,22 +87,15 @@ def answered(one):
     scene = load_scene(one.scene)
     runs = [load(path) if path.suffix == '.npz' else load_run(path) for path in one.files]
     evidences = [evidence_of(run, scene) for run in runs]
-    source = Provenance(NAME, SEED, commit_of(share_dir()), str(machine_description()),
-                        str(one.scene), ())
     wall, cpu = time.perf_counter(), time.process_time()
-    d = diagnose(evidences, source).diagnosis
+    d = absolute(evidences, one.scene, seed=SEED)
     cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
     return {'case': one.case, 'recordings': len(runs),
             'recorded_s': sum(float(run.encoder.t[-1] - run.encoder.t[0]) for run in runs),
             'elements': len(specimen_of(scene).mesh.tets), 'verdict': d.verdict,
             'causes': ', '.join(sorted({cause.term for cause in d.causes})), 'cpu_s': cpu,
-            'wall_s': wall, 'peak_MB': _peak()}
-
-
-def _peak():
-    """Most memory that this process has held [MB]."""
-    unit = 1024 if os.uname().sysname == 'Linux' else 1     # of ru_maxrss, in bytes
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+            'wall_s': wall,
+            'peak_MB': resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6}
 
 
 def _goal(row, allowed):

@@ -12,24 +12,25 @@ from arm_brachy.experiments import diagnosis_time as timing
 from arm_brachy.experiments.diagnosis_cases import store
 from arm_brachy.experiments.diagnosis_plan import SCENE, plan
 from arm_brachy.experiments.diagnosis_recordings import observe
+from arm_brachy.registry import parse_terms
 
 BUSY = 0.3      # s
 
 
-def busy(evidences, source):
+def busy(evidences, scene, *, seed):
     """Stands for the diagnosis: the CPU is busy for a while, half of the time after it sleeps."""
     end = time.process_time() + BUSY
     while time.process_time() < end:
         np.ones(1000).sum()
     time.sleep(BUSY)
     cause = SimpleNamespace(term='gravity')
-    return SimpleNamespace(diagnosis=SimpleNamespace(verdict='named', causes=(cause, cause)))
+    return SimpleNamespace(verdict='named', causes=(cause, cause))
 
 
 def test_a_row_tells_cpu_time_apart_from_waiting(push, tmp_path, monkeypatch):
     file = tmp_path / 'one.npz'
     store(file, observe(plan()[0], push))
-    monkeypatch.setattr(timing, 'diagnose', busy)
+    monkeypatch.setattr(timing, 'absolute', busy)
     row = timing.answered(timing.Timed('pushed', (file, file), SCENE, 1.0))
     assert BUSY <= row['cpu_s'] < 1.5 * BUSY
     assert row['wall_s'] >= 2.0 * BUSY
@@ -43,3 +44,10 @@ def test_a_row_tells_cpu_time_apart_from_waiting(push, tmp_path, monkeypatch):
 def test_a_goal_is_missed_by_more_than_was_asked_for(cpu, met):
     goal = timing._goal({'case': 'nothing', 'cpu_s': cpu}, timing.SINGLES)
     assert goal.met is met and goal.value == cpu and goal.goal == '<= 60'
+
+
+def test_what_is_planted_is_of_the_registry():
+    planted = {case: [term.spec.name for term in parse_terms(terms, timing.NAME)]
+               for case, (terms, _) in timing.PLANTED.items()}
+    assert planted == {'nothing': [], 'one cause': ['strain_stiffening'],
+                       'two causes': ['strain_stiffening', 'actuator_compliance']}
