@@ -21,11 +21,12 @@ class EmDistortion(SensingTerm):
     curl), d_j pad displacement [m], k `pad_coupling`, q `pull`, R 50 mm, m `metal` and how far its
     pad has gone. Near the centre the error is the linear map g I + [w]x: divergence 3 g, curl 2 w;
     it fades over L. To first order this is what low-order polynomial calibration removes, of a
-    field that stretches alike in all directions. Orientation is left alone. Holds at distances from the metal large against its size.
+    field that stretches alike in all directions. Orientation is left alone. Holds at distances
+    from the metal large against its size.
 
     A piece of metal at m shifts by q what is R from it, and by the inverse cube of the distance
-    elsewhere, but no more than at 10 mm. Its direction, that of the metal's moment, is taken as the same
-    everywhere: right where one tool is close to it, or several are on the same side.
+    elsewhere, but no more than at 10 mm. Its direction, that of the metal's moment, is taken as
+    the same everywhere: right where one tool is close to it, or several are on the same side.
     Test: devices/terms/test_em_distortion.py
     """
 
