@@ -35,6 +35,9 @@ from arm_brachy.diagnosis.wording import parameter
 @click.argument('bags', nargs=-1, required=True, type=click.Path(), metavar='BAG...')
 @click.option('--scene', required=True, type=click.Path(), metavar='FILE',
               help='What the recordings are said to show.')
+@click.option('--scene-of', 'scenes_of', multiple=True, metavar='BAG=FILE',
+              help='Another scene for one of the bags, as it was given, of the same body without '
+                   'pads with another weight or hung another way; may be given several times.')
 @click.option('--null', 'null', multiple=True, type=click.Path(), metavar='BAG',
               help='A recording of the same cell in which nothing is wrong; may be given several '
                    'times. What it shows as well is no fault. Registration, touch points, '
@@ -50,7 +53,7 @@ from arm_brachy.diagnosis.wording import parameter
               help='Of page, JSON and corrected scenario; new or empty. '
                    'Default: runs/diagnosis-<time>.')
 @json_option
-def diagnose(bags, scene, null, held_out, calibration, seed, out, json_file):
+def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, out, json_file):
     """Say where BAGs differ from their model and what physics is missing.
 
     All BAGs are of one body. Kinds of push are held out in turn (or whole recordings, with
@@ -61,22 +64,26 @@ def diagnose(bags, scene, null, held_out, calibration, seed, out, json_file):
     \b
     Example:
       arm-brachy diagnose runs/probe/bag --scene config/scenes/breast.yaml
+      arm-brachy diagnose bare_1 hung_1 --hold-out bare_2 --scene bare.yaml \\
+          --scene-of hung_1=hung.yaml
     """
-    described = load_scene(scene)
-    calibrated = _calibration(calibration, described)
     every = (*bags, *null, *held_out)
+    files = scene_files(every, scene, scenes_of)
+    read = {file: load_scene(file) for file in dict.fromkeys((scene, *files.values()))}
+    calibrated = _calibration(calibration, read[scene])
     zero = zero_of(every)
-    loaded = told_apart([one for some in (bags, null, held_out)
-                         for one in load_evidence(some, described, zero)], every)
+    loaded = told_apart([one for some in (bags, null, held_out) for one in load_evidence(
+        some, [read[files[bag]] for bag in some], zero)], every)
     evidences, rest = loaded[:len(bags)], loaded[len(bags):]
     sound, tested = rest[:len(null)], rest[len(null):]
     name = evidences[0].name if len(bags) == 1 else f'{len(bags)} recordings'
     made_by = summary(name, (), seed=seed)
     provenance = Provenance(name, seed, made_by.commit, made_by.machine, str(scene), (),
-                            _typed(bags, scene, null, held_out, calibration))
+                            _typed(bags, scene, scenes_of, null, held_out, calibration))
     with new_folder(result_folder(out, 'diagnosis')) as folder:
         answer = _run(evidences, sound, tested, provenance, calibrated)
-        found = _corrected(answer.diagnosis, evidences[0], scene, folder)
+        shown = max(range(len(bags)), key=lambda i: len(evidences[i].scene.loads))
+        found = _corrected(answer.diagnosis, evidences[shown], files[bags[shown]], folder)
         write_diagnosis(found, answer.shown, folder / 'diagnosis.html')
         found.to_json(folder / 'diagnosis.json')
     if json_file:
@@ -94,8 +101,26 @@ def _calibration(path, scene):
     return load(Calibration, path)
 
 
-def _typed(bags, scene, null, held_out, calibration):
+def scene_files(bags, scene, scenes_of):
+    """Bag -> scene file of it: `scene` but where one of `scenes_of`, BAG=FILE, names another.
+
+    Raises InputError for a bag that is none of `bags`, or named twice.
+    """
+    files = dict.fromkeys(bags, scene)
+    named = set()
+    for one in scenes_of:
+        bag, _, file = one.rpartition('=')
+        if not bag or not file or bag not in files or bag in named:
+            raise InputError(f'--scene-of {one}; must be BAG=FILE, each BAG once and one of '
+                             f'{", ".join(map(str, bags))}, written the same way')
+        named.add(bag)
+        files[bag] = file
+    return files
+
+
+def _typed(bags, scene, scenes_of, null, held_out, calibration):
     words_ = ['arm-brachy diagnose', *map(str, bags), f'--scene {scene}']
+    words_ += [f'--scene-of {one}' for one in scenes_of]
     words_ += [f'--null {bag}' for bag in null]
     words_ += [f'--hold-out {bag}' for bag in held_out]
     return ' '.join(words_ + ([f'--calibration {calibration}'] if calibration else []))

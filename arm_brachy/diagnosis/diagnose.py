@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from threadpoolctl import threadpool_limits
 
+from arm_brachy.core.errors import InputError
 from arm_brachy.core.random import stream
 from arm_brachy.core.term import Kind
 from arm_brachy.diagnosis import conclude
@@ -84,8 +85,10 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
     evidences, held_out, null = tuple(evidences), tuple(held_out), tuple(null)
     refuse_twice((*evidences, *held_out, *null))
     if is_free(evidences[0].scene):
+        _refuse_null(null)
         return Answer(*free_answer(evidences, provenance, held_out,
                                    lambda share: say(STEPS[2], share)))
+    _refuse_other_scenes((*evidences, *held_out, *null))
     say(STEPS[0], 0.0)
     calibration = with_lag(calibration, evidences[0].scene)
     (looked, left_out), (sound, fewer), (tested, fewest) = look_at(
@@ -121,6 +124,22 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accu
                 *(note for m in (*matched, *tests) for note in m.notes))
     return _answer(judgement, found, looked, provenance, ratio, left_out, request,
                    None if null else left)
+
+
+def _refuse_null(null):
+    """Raise InputError if null recordings are given of a body without pads."""
+    if null:
+        raise InputError(f'{null[0].name}: a null recording of scene {null[0].scene.name}, which '
+                         'has no pads; must be of a body with pads: give it as one to be fitted, '
+                         'with --scene-of where its scene is another')
+
+
+def _refuse_other_scenes(evidences):
+    """Raise InputError if recordings of a body with pads are of several scenes."""
+    names = sorted({one.scene.name for one in evidences if one.scene != evidences[0].scene})
+    if names:
+        raise InputError(f'recordings of scenes {evidences[0].scene.name} and {", ".join(names)}; '
+                         'must be of one scene: several are for bodies without pads')
 
 
 def _specimen(recorded, scene):

@@ -90,13 +90,15 @@ def zero_of(bags):
 def load_evidence(bags, scene, zero=None):
     """Read bags (paths) one after another; returns a tuple of Evidence.
 
+    scene : core.scene.Scene of all, or a sequence with that of each
     zero : `zero_of` all bags of a session
     Memory is bounded by SAMPLES, shared out among the recordings: many or long ones are averaged
     to a lower rate, which their notes say. Raises RecordingError.
     """
     bags = list(bags)
-    return tuple(evidence_of(load_run(bag, measured=True), scene, samples=SAMPLES // len(bags),
-                             zero=zero) for bag in bags)
+    scenes = [scene] * len(bags) if isinstance(scene, Scene) else scene
+    return tuple(evidence_of(load_run(bag, measured=True), one, samples=SAMPLES // len(bags),
+                             zero=zero) for bag, one in zip(bags, scenes, strict=True))
 
 
 def told_apart(evidences, bags):

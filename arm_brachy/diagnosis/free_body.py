@@ -19,13 +19,16 @@ from arm_brachy.diagnosis import free_trace as trace
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.checks import OUT_OF_SCALE
 from arm_brachy.diagnosis.decide import Judge, Rules
+from arm_brachy.diagnosis.free_damping import said as damping_said
+from arm_brachy.diagnosis.free_damping import unknown, with_damping
 from arm_brachy.diagnosis.free_doors import stood_back, told_apart
 from arm_brachy.diagnosis.free_findings import base_marker_findings
 from arm_brachy.diagnosis.free_fit import refit
 from arm_brachy.diagnosis.free_full import FreeFullFits
 from arm_brachy.diagnosis.free_hypotheses import EARTH, free_hypotheses
 from arm_brachy.diagnosis.free_look import Look
-from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
+from arm_brachy.diagnosis.free_model import free_specimen
+from arm_brachy.diagnosis.free_scenes import loads_of, refuse_other_bodies
 from arm_brachy.diagnosis.free_study import FreeStudy
 from arm_brachy.diagnosis.free_table import SETTLED, FreePriors
 from arm_brachy.diagnosis.free_weights import with_weights
@@ -102,9 +105,11 @@ def free_diagnosis_parts(evidences, scene=None, held_out=(), progress=None, rng=
     priors = FreePriors()
     looks = [Look(prepare(e)) for e in (*evidences, *held_out)]
     fitted, tested = looks[:len(evidences)], looks[len(evidences):]
-    given = {look.scene.name: free_specimen(look.scene) for look in looks}
+    refuse_other_bodies([look.scene for look in looks])
+    scenes = with_damping(fitted, {look.scene.name: look.scene for look in looks})
+    given = {name: free_specimen(scene) for name, scene in scenes.items()}
     study, specimens = _at_its_modulus(fitted, given, priors)
-    frees, dropped = _considered(specimens[fitted[0].scene.name],
+    frees, dropped = _considered(specimens[fitted[0].scene.name], loads_of(scenes.values()),
                                  drifts_restart or len(looks) < 2)
     answers = study.answers(frees, progress)
     problem, absurd = _possible(study, answers)
@@ -127,6 +132,7 @@ def _at_its_modulus(looks, given, priors):
     """
     study = _study(looks, given, priors)
     _refuse_other_size(study)
+    study.place_markers()
     try:
         ratio = refit(study, study.problem((), mesh=False)).stiffness(1.0).value
     except NotConverged:
@@ -135,7 +141,9 @@ def _at_its_modulus(looks, given, priors):
     if all(scenes[name] is one.scene for name, one in given.items()):
         return study, given
     specimens = {name: free_specimen(scene) for name, scene in scenes.items()}
-    return _study(looks, specimens, priors, -np.log(ratio) / priors.modulus), specimens
+    study = _study(looks, specimens, priors, -np.log(ratio) / priors.modulus)
+    study.place_markers()
+    return study, specimens
 
 
 def _refuse_other_size(study):
@@ -153,13 +161,16 @@ def _refuse_other_size(study):
 
 def _study(looks, specimens, priors, given=0.0):
     mine = {look.scene.name: specimens[look.scene.name] for look in looks}
-    return FreeStudy([look.case(mine[look.scene.name], priors) for look in looks], mine, priors,
-                     max(look.placement for look in looks), given=given)
+    cases, placements = zip(*(look.case(mine[look.scene.name], priors) for look in looks),
+                            strict=True)
+    return FreeStudy(cases, mine, priors, max(placements), given=given,
+                     scenes=[one.scene for one in specimens.values()],
+                     undamped={look.scene.name for look in looks if unknown(look.scene)})
 
 
-def _considered(specimen, drifts):
+def _considered(specimen, loads, drifts):
     """(frees, Alternatives dropped): without those that drift unless `drifts`."""
-    frees = free_hypotheses(specimen)
+    frees = free_hypotheses(specimen, loads)
     if drifts:
         return frees, ()
     return (tuple(f for f in frees if f.hypothesis.name not in DRIFTS),
@@ -194,7 +205,7 @@ def _alone(problem, answer):
 def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, given, specimens,
            full):
     decision = stood_back(told_apart(decision, full), lambda one: _held_out(
-        plain, full.fit(one), fitted, tested, given, specimens))
+        study, plain, full.fit(one), fitted, tested, given, specimens))
     fits = _fits(decision, full)
     causes, where = _causes(problem, decision, answers, fits)
     gain, named = problem.r ** 2, fits[0] if fits else None
@@ -211,12 +222,12 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
     return FreeParts(
         decision, decision.verdict, causes, where, intervals,
         said.alternatives(problem, decision, answers, dropped),
-        _held_out(plain, named, fitted, tested, given, specimens),
+        _held_out(study, plain, named, fitted, tested, given, specimens),
         {'E': best.stiffness(E)}, {'E': plain.stiffness(E)}, _next(decision),
         decision.accepted.held_out if decision.accepted else None, decision.left.chance,
         min(apart) if apart else None, base_marker_findings(
             [look.release for look in fitted + tested], fitted[0].prepared.calibration.base),
-        _notes(fitted, best.stiffness(E).value / fitted[0].scene.material.E, study.priors),
+        _notes(fitted, best.stiffness(E).value / fitted[0].scene.material.E, study),
         _table(study, plain, named))
 
 
@@ -246,12 +257,12 @@ def _causes(problem, decision, answers, fits):
     return tuple(causes), tuple(p for p in places if p is not None)
 
 
-def _held_out(plain, named, fitted, tested, given, specimens):
+def _held_out(study, plain, named, fitted, tested, given, specimens):
     """StreamFit of every recording held out, or of those fitted where there is none."""
     out = []
     for look in tested or fitted:
         def error(terms, specimen=specimens[look.scene.name], look=look):
-            model = FreeModel(specimen, terms)
+            model = study.model(specimen, terms)
             return trace.left(look.release, trace.of_model(model, look.release,
                                                            look.index(specimen)))
 
@@ -278,18 +289,20 @@ def _next(decision):
     return NextExperiment(instruction=what, splits=tuple((names[0], n) for n in names[1:]))
 
 
-def _notes(fitted, ratio, priors):
+def _notes(fitted, ratio, study):
     """ratio : modulus that fits over the scene's"""
     gravity = np.linalg.norm(fitted[0].scene.gravity)
     out = [KNOWN, *([DIRECTION] if EARTH[0] <= gravity <= EARTH[1] else ())]
-    if abs(np.log(ratio)) > priors.modulus:
+    out += [damping_said(one.scene) for name, one in study.specimens.items()
+            if name in {look.scene.name for look in fitted if unknown(look.scene)}]
+    if abs(np.log(ratio)) > study.priors.modulus:
         out.append(OTHER_BODY.format(ratio))
     if any(look.scene.loads for look in fitted):
         out.append('Where the weight hangs is taken from the scene; 1 mm further out on a beam of '
                    '100 mm sags by 1.5 % more, which reads as a softer body.')
     out += [f'{look.release.name}: {", ".join(look.release.lost)} not seen at rest, while it '
             'rings or at the end; left out.' for look in fitted if look.release.lost]
-    loose = max(look.placement for look in fitted)
+    loose = study.placement
     if loose > 1.5 * fitted[0].prepared.calibration.placement:
         out.append(f'Markers at rest are {1e3 * loose:.1f} mm per axis from where the scene has '
                    'them; that is allowed for.')

@@ -86,9 +86,10 @@ def _said(value):
         value, str) else value
 
 
-def free_hypotheses(specimen):
+def free_hypotheses(specimen, loads=()):
     """Return a tuple of Free on a specimen.Specimen without pads.
 
+    loads : core.scene.PointLoad of all its scenes
     The modulus is a nuisance and no cause. Of gravity only the direction is in question where the
     scene has that of the Earth, whose size is known to 0.3 %. Of another size it may be what is
     wrong: how far a body sags goes with it, how fast it rings does not. Terms of pads and
@@ -107,7 +108,7 @@ def free_hypotheses(specimen):
             for e in SOFTENING_ENERGIES]
     out += [_free(hypothesis(Inclusion, **dict([place]))) for place in places]
     out += [_free(hypothesis(ExternalForce, duration=LONG, **dict([place]))) for place in outside]
-    out += _hanging(specimen, outside)
+    out += _hanging(loads, outside)
     out += [_loose(specimen, place) for place in under]
     if under:
         out.append(_yielding(specimen))
@@ -148,10 +149,10 @@ def _gravity(specimen):
     return _free(Hypothesis(Gravity, {}, across))
 
 
-def _hanging(specimen, outside):
-    """Another weight where the scene has one, else one somewhere outside."""
-    loads = [('centre', tuple(load.position)) for load in specimen.scene.loads]
-    return [_free(hypothesis(PointMass, **dict([place]))) for place in loads or outside]
+def _hanging(loads, outside):
+    """Another weight where a scene has one, else one somewhere outside."""
+    there = [('centre', tuple(load.position)) for load in loads]
+    return [_free(hypothesis(PointMass, **dict([place]))) for place in there or outside]
 
 
 def _loose(specimen, place):

@@ -1,30 +1,27 @@
-"""One recording of a released body: its scene, its release, how well the scene places its markers.
+"""One recording of a released body: its scene, its release, its markers' places.
 
 Test: diagnosis/test_free_body.py
 """
 
 import numpy as np
 
-from arm_brachy.core.errors import RecordingError
 from arm_brachy.diagnosis.checks import refuse_misshapen
+from arm_brachy.diagnosis.free_hold import seen_held
 from arm_brachy.diagnosis.free_release import release_of
 from arm_brachy.diagnosis.free_table import case_of
 from arm_brachy.diagnosis.stream import OPTICAL
-from arm_brachy.recording.rigid import fit_rigid
 
 
 class Look:
     """A prepared.Prepared recording without pads.
 
     release : free_release.Release;  scene : core.scene.Scene
-    placement : [m] per axis by which markers at rest are off their places
     """
 
     def __init__(self, prepared):
         self.prepared, self.scene = prepared, prepared.evidence.scene
         _refuse_other_markers(prepared)
         self.release = release_of(prepared)
-        self.placement = _placement(prepared)
 
     def index(self, specimen):
         """Channels of the release among the points of a Specimen."""
@@ -32,9 +29,11 @@ class Look:
         return np.array([every.index(name) for name in self.release.names])
 
     def case(self, specimen, priors):
-        """Its free_table.Case."""
-        return case_of(self.release, self.scene, self.index(specimen), priors,
-                       self.prepared.calibration)
+        """(free_table.Case, [m] per axis by which its markers are off their places)."""
+        calibration = self.prepared.calibration
+        bent, placement = seen_held(self.release, specimen, priors, calibration.placement)
+        return case_of(self.release, self.scene, self.index(specimen), bent, priors,
+                       calibration), placement
 
 
 def _refuse_other_markers(prepared):
@@ -51,18 +50,3 @@ def _refuse_other_markers(prepared):
                          tuple(n for n, here in zip(optical.names, seen, strict=True) if here),
                          found.rest[seen], optical.rest[seen], prepared.evidence.scene)
 
-
-def _placement(prepared):
-    """[m] per axis: what the scene's places of all markers miss at rest, a frame taken out."""
-    usual, found = prepared.calibration.placement, prepared.registration
-    optical = prepared.evidence.get(OPTICAL)
-    if found is None or optical is None:
-        return usual
-    seen = np.isfinite(found.rest).all(axis=1)
-    if seen.sum() < 3:
-        return usual
-    try:
-        off = fit_rigid(found.rest[seen], optical.rest[seen]).residual
-    except RecordingError:      # on one line: no frame to take out
-        return usual
-    return max(usual, float(np.sqrt(np.sum(off ** 2) / (3 * seen.sum() - 6))))

@@ -25,6 +25,7 @@ from arm_brachy.diagnosis.trajectory import Trajectory, evolve
 from arm_brachy.registry import TERMS
 from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.build import build_body
+from arm_brachy.tissue.mesh import embed
 from arm_brachy.tissue.modes import modes_of
 from arm_brachy.tissue.newton import StaticSolver
 from arm_brachy.tissue.simulator import TissueSimulator
@@ -43,6 +44,7 @@ class Swing:
 
     moved : (w, k, 3) [m] from the stress-free shape at the times asked for; 0 off the tissue
     frequency [Hz], damping : ratio, shape : (k, 3), along the way it settles
+    carried : ratio less if damping in proportion to mass is that of the tissue's own alone
     x : (n, 3) [m] nodes at the last of the times
     """
 
@@ -51,6 +53,7 @@ class Swing:
     damping: float
     shape: np.ndarray
     x: np.ndarray
+    carried: float = 0.0
 
 
 def free_specimen(scene, mesh=None):
@@ -93,7 +96,15 @@ class FreeModel:
     def swing(self, times):
         """Return the Swing of all points at `times` (w,) [s] after the release, increasing.
 
-        Raises NotConverged if there is no stable equilibrium.
+        Raises as `swings`.
+        """
+        return self.swings(times, (0.0,))[0]
+
+    def swings(self, times, held):
+        """Return a Swing for each shape that it is let go from; as `swing` for no bend.
+
+        held : (n, 3) [m] of the specimen's nodes from the stress-free shape, each. It rings as it
+        is let go, and settles as ever. Raises NotConverged if there is no stable equilibrium.
         """
         path = self._path(times)
         zero, inside = np.zeros((0, 3)), self._attached.inside
@@ -101,8 +112,10 @@ class FreeModel:
         at = np.stack([self._attached.points(path.x[i], zero, path.base[i]) for i in now])
         moved = at - self._attached.points(self.body.mesh.nodes, zero, np.zeros(3))
         matrix = self._attached.matrix(len(self.body.mesh.nodes))
-        frequency, damping, shape = self._vibration(path, matrix, moved[-1])
-        return Swing(np.where(inside[:, None], moved, 0.0), frequency, damping, shape, path.x[-1])
+        moved = np.where(inside[:, None], moved, 0.0)
+        return tuple(Swing(moved, frequency, damping, shape, path.x[-1], carried)
+                     for frequency, (damping, carried), shape in self._vibrations(
+                         path, matrix, moved[-1], held))
 
     def displaced(self, x, shift):
         """How points on the tissue that are `shift` (3,) [m] from where they should be go.
@@ -152,21 +165,36 @@ class FreeModel:
             raise NotConverged(f'no equilibrium under its own weight ({found.outcome.advice})')
         return found.x
 
-    def _vibration(self, path, matrix, way):
-        """(frequency, damping, shape) of what a release excites."""
+    def _vibrations(self, path, matrix, way, held):
+        """(frequency, (damping, part of it by what is carried), shape) of what each excites."""
         now = int(np.searchsorted(path.t, RINGS))
         x, fields = path.x[now], self._fields(path, now)
         solver = StaticSolver(self.body)
         found = modes_of(solver, x, fields, MODES)
         dofs, modes, w = found.dofs, found.shapes, np.sqrt(found.square)
-        start = (self.body.mesh.nodes - x).ravel()[dofs]
         seen = matrix[:, solver.free.free] @ modes.reshape(len(solver.free.free), -1)
-        shapes = seen.reshape(len(way), 3, -1) * (
-            modes.T @ (found.mass[dofs][:, dofs] @ start))
+        seen = seen.reshape(len(way), 3, -1)
+        weigh = found.mass[dofs][:, dofs] @ modes
         alpha, beta = self.body.damping
         ratio = 0.5 * (alpha / w + beta * w)
         stiffer, lossy = self._memory(solver, x, dofs, modes, w)
-        return _ringing(np.sqrt(found.square + stiffer), ratio + lossy, shapes, way)
+        loads = 0.5 * alpha / w * self._carried(modes, dofs)
+        w, ratios = np.sqrt(found.square + stiffer), np.stack([ratio + lossy, loads])
+        for one in held:
+            start = (self.body.mesh.nodes + self._own(one) - x).ravel()[dofs]
+            yield _ringing(w, ratios, seen * (start @ weigh), way)
+
+    def _own(self, held):
+        """`held` (n, 3) at the nodes that terms made of the specimen's."""
+        mesh, nodes = self.specimen.mesh, self.body.mesh.nodes
+        if np.ndim(held) == 0 or len(held) == len(nodes):
+            return held
+        return embed(mesh, nodes).matrix(len(mesh.nodes)) @ held
+
+    def _carried(self, modes, dofs):
+        """Share of every mode's kinetic energy that is in what hangs on the body, (j,)."""
+        mass = self.body.nodal_mass
+        return np.zeros(modes.shape[1]) if mass is None else np.repeat(mass, 3)[dofs] @ modes ** 2
 
     def _fields(self, path, now):
         """StepFields of the slow motion at an instant; of what relaxes, the long-term moduli."""
@@ -197,7 +225,10 @@ class FreeModel:
 
 
 def _ringing(w, ratio, shapes, way):
-    """(frequency, damping, shape): the modes near the loudest, weighed by how loud they are."""
+    """(frequency, ratios, shape): the modes near the loudest, weighed by how loud they are.
+
+    ratio : (r, j), shapes : (k, 3, j) of j modes at w (j,) [1/s]
+    """
     loud = np.sum(shapes ** 2, axis=(0, 1))
     top = int(np.argmax(loud))
     weight = np.where(np.abs(w - w[top]) <= NEAR * w[top], loud, 0.0)
@@ -205,4 +236,4 @@ def _ringing(w, ratio, shapes, way):
     shape = shapes[..., weight > 0.0].sum(axis=2)
     shape = shape if np.sum(shape * way) >= 0.0 else -shape
     frequency = float(np.sqrt(weight @ w ** 2) / (2.0 * np.pi))
-    return frequency, float(weight @ ratio), shape / np.linalg.norm(shape)
+    return frequency, (ratio @ weight).tolist(), shape / np.linalg.norm(shape)

@@ -61,7 +61,9 @@ class Release:
     since : (n,) [s] after the release;  path : (n, k, 3) [m] from where it was held, NaN = unseen
     times : (w,) [s] middles of the settled windows;  moved : (w, k, 3), base : (w, b, 3) [m]
     noise : (k, 3) [m] of one sample;  count : (w,) samples worth of each window
-    base_rest : (b, 3) [m];  ring : Ring, None if it does not ring
+    held : (k, 3) [m] where each channel was held, from its place in the scene
+    base_names : (b,), base_rest : (b, 3) [m], base_held : (b, 3) [m] as held, of those on the base
+    ring : Ring, None if it does not ring
     odd : (name, (3,) [m]) of a base marker that moved against all others and is left out
     lost : names of channels that were not seen where they were needed and are left out
     """
@@ -74,10 +76,13 @@ class Release:
     path: np.ndarray
     times: np.ndarray
     moved: np.ndarray
-    base: np.ndarray
-    base_rest: np.ndarray
     noise: np.ndarray
     count: np.ndarray
+    held: np.ndarray
+    base: np.ndarray
+    base_names: tuple
+    base_rest: np.ndarray
+    base_held: np.ndarray
     ring: Ring | None
     odd: tuple | None = None
     lost: tuple = ()
@@ -99,17 +104,18 @@ def release_of(prepared):
     kept = _seen_at_both_ends(stream, name)
     stream, sd = stream.channels(kept), sd[kept]
     at = _release(stream, sd, name)
-    path, since = stream.values - _held(stream, at), stream.t - at
+    held, since = _held(stream, at), stream.t - at
+    path = stream.values - held
     ring, kept = _ring_of_most(since, path)
-    stream, sd, path = stream.channels(kept), sd[kept], path[:, kept]
+    stream, sd, path, held = stream.channels(kept), sd[kept], path[:, kept], held[kept]
     windows = _windows(since[-1], ring)
     if ring is None:
         _refuse_unsettled(name, path[since >= windows[-1, 0]], sd)
-    base, rest, odd = _sound_base(*_base(prepared, at, windows), prepared.calibration.base)
+    base, odd = _sound_base(_base(prepared, at, windows), prepared.calibration.base)
     moved = np.stack([_mean(path[(since >= a) & (since <= b)]) for a, b in windows])
     count = np.array([noise.effective(np.sum((since >= a) & (since <= b))) for a, b in windows])
     return Release(name, kind, stream.names, float(at), since, path, windows.mean(axis=1), moved,
-                   base, rest, sd, count, ring, odd,
+                   sd, count, held - stream.rest, *base, ring, odd,
                    tuple(n for n in every if n not in stream.names))
 
 
@@ -273,31 +279,37 @@ def _windows(last, ring):
 
 
 def _base(prepared, at, windows):
-    """Names of the base's markers, how far they went (w, b, 3) [m], their places (b, 3) [m]."""
+    """(how far (w, b, 3) [m], names, places (b, 3) [m], from them when held (b, 3)) of markers."""
     stream, _ = prepared.on(OPTICAL, BASE)
     if stream is None:
-        return (), np.zeros((len(windows), 0, 3)), np.zeros((0, 3))
+        none = np.zeros((0, 3))
+        return np.zeros((len(windows), 0, 3)), (), none, none
     since = stream.t - at
     held = (since > -CLEAR - FIRST) & (since < -CLEAR)
     rest = _mean(stream.values[held if held.any() else since < 0.0])
     moved = np.stack([_mean(stream.values[(since >= a) & (since <= b)]) - rest
                       for a, b in windows])
-    seen = np.isfinite(moved).all(axis=(0, 2))
-    names = tuple(n for n, here in zip(stream.names, seen, strict=True) if here)
-    return names, moved[:, seen], stream.rest[seen]
+    return _of_base((moved, stream.names, stream.rest, rest - stream.rest),
+                    np.flatnonzero(np.isfinite(moved).all(axis=(0, 2))))
 
 
-def _sound_base(names, moved, rest, slack):
-    """(moved, rest, odd): without the one marker that went far while all others stayed together.
+def _of_base(base, kept):
+    moved, names, places, held = base
+    return moved[:, kept], tuple(names[i] for i in kept), places[kept], held[kept]
 
-    slack : [m] by which a sound base may move. Takes three markers. Of three it may also be the
-    base that turned about the line through the other two, which no base does by half a millimetre.
+
+def _sound_base(base, slack):
+    """(base, odd): without the one marker that went far while all others stayed together.
+
+    base : as `_base` returns it;  slack : [m] by which a sound base may move
+    Takes three markers. Of three it may also be the base that turned about the line through the
+    other two, which no base does by half a millimetre.
     """
-    last = moved[-1]
+    last, names = base[0][-1], base[1]
     for k, name in enumerate(names if len(names) >= 3 else ()):
         kept = np.delete(np.arange(len(names)), k)
         alone = last[k] - last[kept].mean(axis=0)
         spread = np.linalg.norm(last[kept] - last[kept].mean(axis=0), axis=1).max()
         if np.linalg.norm(alone) > max(BROKEN * slack, APART * spread):
-            return moved[:, kept], rest[kept], (name, alone)
-    return moved, rest, None
+            return _of_base(base, kept), (name, alone)
+    return base, None

@@ -3,23 +3,27 @@
 Test: diagnosis/test_free_body.py
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from arm_brachy.core.errors import ConfigError, MeshError, NotConverged
 from arm_brachy.devices.terms.optical_scale import OpticalScale
 from arm_brachy.diagnosis.decide import Explanation, Problem
+from arm_brachy.diagnosis.free_hold import hold_shapes
 from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
-from arm_brachy.diagnosis.free_nuisances import columns_of
-from arm_brachy.diagnosis.free_table import BASE, CREEP, SETTLED, predicted
+from arm_brachy.diagnosis.free_nuisances import STEP, columns_of, places_of
+from arm_brachy.diagnosis.free_scenes import acting, moved_loads
+from arm_brachy.diagnosis.free_table import BASE, CREEP, HELD, SETTLED, predicted
+from arm_brachy.diagnosis.inference import log_density
 from arm_brachy.tissue.assembly import InvertedElement
 from arm_brachy.tissue.build import load_scene_mesh
-from arm_brachy.tissue.mesh import load_mesh, quadratic_mesh
+from arm_brachy.tissue.mesh import embed, load_mesh, quadratic_mesh
 from arm_brachy.tissue.refinement import refine
 from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 
 FINE = 4000     # elements above which a mesh is not refined to learn its error
+LOOSER = (1.0, 1.5, 2.0, 3.0, 4.5)  # times the error of places that where markers are seen tells
 LIFT = 0.05     # logarithm of the modulus over which its effect is taken
 
 
@@ -42,14 +46,18 @@ class FreeStudy:
     cases : free_table.Case each;  specimens : name of scene -> Specimen
     terms : of the models, any stage;  priors : free_table.FreePriors
     placement : [m] of markers in the tissue, standard deviation per axis
+    scenes : core.scene.Scene of the body, also those of no case;  undamped : names of those
+        whose damping is not known
     given : modulus that was expected, its logarithm in prior standard deviations from that of the
         specimens, which may be scaled to what the recordings ask for
     Raises NotConverged where a model has no equilibrium.
     """
 
-    def __init__(self, cases, specimens, priors, placement, terms=(), given=0.0):
+    def __init__(self, cases, specimens, priors, placement, terms=(), given=0.0, scenes=(),
+                 undamped=()):
         self.cases, self.specimens, self.terms = tuple(cases), specimens, tuple(terms)
-        self.priors, self._placement, self.given = priors, placement, given
+        self.priors, self.placement, self.given = priors, placement, given
+        self._scenes, self._undamped = tuple(scenes), undamped
         self.times = {name: np.unique(np.concatenate([
             c.release.times for c in self.cases if c.scene == name])) for name in specimens}
         self.values = np.concatenate([case.values for case in self.cases])
@@ -57,14 +65,19 @@ class FreeStudy:
         self.rows = tuple(row for case in self.cases for row in case.rows)
         self.near, self._models, self._swings = {}, {}, {}
         for name in specimens:
-            self._models[name], self._swings[name] = self._swing(name, self.terms)
-            self.near[name] = self._swings[name].x
+            self._models[name] = self.model(specimens[name], self.terms)
+            self._swings |= self._let_go(name, self._models[name])
+            self.near[name] = next(self._swings[c.release.name].x for c in self._of(name))
         self.start = self._vector(self._swings, self.terms)
+        self._holds = {name: hold_shapes(one, priors.hold) for name, one in specimens.items()}
 
     def vector(self, terms):
         """Return (n,) what models with `terms` besides the study's make of all rows."""
         every = (*self.terms, *terms)
-        return self._vector({name: self._swing(name, every)[1] for name in self.specimens}, every)
+        swings = {}
+        for name, specimen in self.specimens.items():
+            swings |= self._let_go(name, self.model(specimen, every, self.near[name]))
+        return self._vector(swings, every)
 
     def residual(self, terms=()):
         """Return (n,) measured minus predicted over the errors."""
@@ -120,16 +133,44 @@ class FreeStudy:
         return ((there - self.start) / LIFT * self.priors.modulus / self.sd)[:, None]
 
     def nuisances(self, mesh=True):
-        """(n, k) all that needs no cause but the modulus: frames, hands, bases, places, mesh."""
-        blocks, first = [], 0
+        """(n, k) all that needs no cause but the modulus: frames, hands, bases, places, mesh.
+
+        A marker is at one place in all recordings of a scene; for another it may have been glued
+        anew.
+        """
+        blocks, places, first = [], {}, 0
         for case in self.cases:
-            own = columns_of(case, self._models[case.scene], self._swings[case.scene],
-                             self.priors, self._placement)
-            full = np.zeros((len(self.values), own.shape[1]))
-            full[first:first + len(own)] = own
-            blocks.append(full / self.sd[:, None])
-            first += len(own)
-        return np.hstack([*blocks, self._mesh()] if mesh else blocks)
+            swing, specimen = self._swings[case.release.name], self.specimens[case.scene]
+            rows = slice(first, first + len(case.rows))
+            own = columns_of(case, specimen, swing, self.priors, self._held_more(case),
+                             case.scene in self._undamped)
+            blocks.append(self._within(rows, own))
+            for name, part in places_of(case, self._models[case.scene], swing,
+                                        self.placement).items():
+                key = case.scene, name
+                places[key] = places.get(key, 0.0) + self._within(rows, part)
+            first = rows.stop
+        every = [*blocks, *places.values(), *self._hanging()]
+        return np.hstack([*every, self._mesh()] if mesh else every)
+
+    def _within(self, rows, columns):
+        """(n, j) over the errors: columns of some rows alone."""
+        full = np.zeros((len(self.values), columns.shape[1]))
+        full[rows] = columns
+        return full / self.sd[:, None]
+
+    def place_markers(self):
+        """Take markers to be as far off their places as is likeliest for all rows, no cause tried.
+
+        How a marker goes and rings tells as well as where it is seen. A cause can hardly be taken
+        for places: what moves a marker by a millimetre would have to be off by ten.
+        """
+        likely = []
+        usual = self.placement
+        for self.placement in usual * np.array(LOOSER):
+            problem = self.problem((), mesh=False)
+            likely.append(log_density(problem.U, problem.r))
+        self.placement = usual * LOOSER[int(np.argmax(likely))]
 
     def problem(self, answers, mesh=True):
         """Return the decide.Problem with an Explanation for each Answer.
@@ -141,11 +182,30 @@ class FreeStudy:
         U = np.hstack([self.nuisances(mesh), self.modulus()])
         r = self.residual() - U[:, -1] * self.given
         kinds = np.array([f'{row.scene} {kind_of(row)}' for row in self.rows])
-        seen = np.array([row.kind != BASE for row in self.rows])
+        seen = np.array([row.kind not in (BASE, HELD) for row in self.rows])
         tests = [np.eye(len(self.rows))[:, seen], *(a.columns for a in answers)]
         return Problem(r, U, kinds, np.hstack(tests),
                        tuple(Explanation(*a.free.key, a.columns) for a in answers),
                        np.full(len(self.rows), -1))
+
+    def _held_more(self, case):
+        """(Hold, Swing) each: how it rings when a hand bends it by STEP of that Hold more."""
+        holds = self._holds[case.scene]
+        return tuple(zip(holds, self._models[case.scene].swings(self.times[case.scene], [
+            case.bent.nodes + STEP * hold.nodes for hold in holds]), strict=True))
+
+    def _hanging(self):
+        """(n, 1) each: what a weight does that hangs aside along an axis, to where it does most.
+        """
+        for name, specimen in self.specimens.items():
+            for sides in moved_loads(specimen.scene, self.priors.hang):
+                changes = [self._hung(name, scene) - self.start for scene in sides]
+                yield (max(changes, key=np.linalg.norm) / self.sd)[:, None]
+
+    def _hung(self, name, scene):
+        """(n,) as `vector`, the loads of one scene where a Scene has them."""
+        model = self.model(free_specimen(scene), self.terms, self.near[name])
+        return self._vector({**self._swings, **self._let_go(name, model)}, self.terms)
 
     def _mesh(self):
         """(n, s) what other meshes of each scene change; none where that costs too much."""
@@ -154,21 +214,30 @@ class FreeStudy:
             other = _other_mesh(specimen.scene)
             if other is None:
                 continue
-            swings = dict(self._swings)
-            swings[name] = FreeModel(free_specimen(specimen.scene, other), self.terms).swing(
-                self.times[name])
+            model = self.model(free_specimen(specimen.scene, other), self.terms)
+            over = embed(specimen.mesh, model.body.mesh.nodes).matrix(len(specimen.mesh.nodes))
+            swings = {**self._swings, **self._let_go(name, model, lambda held, A=over: A @ held)}
             out.append((self._vector(swings, self.terms) - self.start) / self.sd)
         return np.column_stack(out) if out else np.zeros((len(self.values), 0))
 
-    def _swing(self, name, terms):
-        model = FreeModel(self.specimens[name], terms, self.near.get(name))
-        return model, model.swing(self.times[name])
+    def _of(self, name):
+        return [case for case in self.cases if case.scene == name]
+
+    def _let_go(self, name, model, taken=np.asarray):
+        """Recording -> Swing of those of a scene, by a FreeModel that has `taken` their hold."""
+        held = [taken(case.bent.nodes) for case in self._of(name)]
+        return dict(zip([case.release.name for case in self._of(name)],
+                        model.swings(self.times[name], held), strict=True))
+
+    def model(self, specimen, terms, near=None):
+        """The FreeModel of a Specimen with those of `terms` that act in its scene."""
+        return FreeModel(specimen, acting(terms, specimen.scene, self._scenes), near)
 
     def _vector(self, swings, terms):
         scale = 1.0 + sum(t.scale for t in terms if isinstance(t, OpticalScale))
         out = []
         for case in self.cases:
-            swing = swings[case.scene]
+            swing = swings[case.release.name]
             now = np.searchsorted(self.times[case.scene], case.release.times)
             part = predicted(case, _at(swing, now))
             lengths = np.array([kind_of(r) in (SETTLED, CREEP) for r in case.rows])
@@ -178,13 +247,13 @@ class FreeStudy:
 
 def kind_of(row):
     """Kind of experiment that a free_table.Row belongs to, all creep being one."""
-    if row.kind == BASE:
+    if row.kind in (BASE, HELD):
         return SETTLED
     return CREEP if row.kind.startswith(CREEP) else row.kind
 
 
 def _at(swing, now):
-    return type(swing)(swing.moved[now], swing.frequency, swing.damping, swing.shape, swing.x)
+    return replace(swing, moved=swing.moved[now])
 
 
 def _other_mesh(scene):

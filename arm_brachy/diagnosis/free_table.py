@@ -1,7 +1,8 @@
 """What a release is compared by: one vector of numbers whose errors are known, row by row.
 
-Settled: how far every channel went from where it was held. Creep: what was missing from that in
-earlier windows. Base: how far its markers went. Frequency, damping, shape of the ringing.
+Held: how far from its place in the scene every channel, on the tissue or on the base, was when the
+hand let go. Settled: how far it went from there. Creep: what was missing from that in earlier
+windows. Base: how far its markers went. Frequency, damping, shape of the ringing.
 Test: diagnosis/test_free_release.py
 """
 
@@ -13,8 +14,8 @@ from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.finding import Calibration
 from arm_brachy.diagnosis.prepared import rigid_motion
 
-SETTLED, CREEP, BASE, FREQUENCY, DAMPING, SHAPE = (
-    'settled', 'creep', 'base', 'frequency', 'damping', 'shape')
+HELD, SETTLED, CREEP, BASE, FREQUENCY, DAMPING, SHAPE = (
+    'held', 'settled', 'creep', 'base', 'frequency', 'damping', 'shape')
 
 
 @dataclass(frozen=True)
@@ -26,18 +27,30 @@ class FreePriors:
     turn: float = quantity(2.0, 'deg', 'registration of the tracker, about each axis', low=0.0,
                            high=90.0, source='own choice: three markers 30 mm apart, each placed '
                                              'within 1 mm')
-    hold: float = quantity(0.3, 'mm', 'rigid motion of what is seen by the hand that holds it',
-                           low=0.0, high=100.0, source='own choice: held straight by eye')
+    frame: float = quantity(3.0, 'mm', 'origin of the tracker, along each axis', low=0.0,
+                            high=1000.0, source='own choice: as far as its turn moves what is '
+                                                '100 mm away')
+    hold: float = quantity(0.05, '', 'by how much of its length a hand holds a body too high or '
+                           'too low', low=0.0, high=1.0,
+                           source='own choice: 2 to 5 % of silicone beams held straight by eye')
+    hang: float = quantity(2.0, 'mm', 'where a weight hangs, along each axis', low=0.0, high=100.0,
+                           source='own choice: a hook or a thread; of a silicone beam it is known '
+                                  'to a few mm')
     base: float = quantity(0.1, 'mm', 'motion of the base, turns by what they move its markers',
                            low=0.0, high=100.0, source='own choice: a clamp that gives a little; '
                                                        'its markers show how much')
     creep: float = quantity(0.01, 'mm', 'change between two windows, per axis', low=0.0, high=10.0,
                             source='own choice: a tracker that warms up')
+    settled: float = quantity(0.003, '', 'error of where it settles, of the longest way', low=0.0,
+                              high=1.0, source='own choice: what elements leave beside their '
+                                               'better mesh, and hands beside their shapes')
     frequency: float = quantity(0.003, '', 'relative error of small vibrations for large ones',
                                 low=0.0, high=1.0, source='test_free_model: 0.3 % at a swing of '
                                                           'a fifth of the length')
     damping: float = quantity(0.07, '', 'the same of the damping ratio', low=0.0, high=1.0,
                               source='test_free_model: 2 % of a slender, 7 % of a stout body')
+    damped: float = quantity(0.3, '', 'damping ratio where the scene has none', low=0.0, high=1.0,
+                             source='own choice: any that lets a body ring')
     shape: float = quantity(0.005, '', 'the same of a shape of unit norm', low=0.0, high=1.0,
                             source='test_free_model')
 
@@ -58,29 +71,33 @@ class Case:
     """A free_release.Release beside its scene.
 
     index : (k,) of its channels among the points of the specimen;  rows : Row each
+    bent : free_hold.Hold, how it was held as far as where it was seen tells
     values, sd : (n,) measured, SI, and their errors
     """
 
     release: object
     scene: str
     index: np.ndarray
+    bent: object
     rows: tuple
     values: np.ndarray
     sd: np.ndarray
 
 
-def case_of(release, scene, index, priors=None, calibration=None):
+def case_of(release, scene, index, bent, priors=None, calibration=None):
     """Return the Case of a Release.
 
-    scene : core.scene.Scene;  priors : FreePriors;  calibration : finding.Calibration
+    scene : core.scene.Scene;  bent : free_hold.Hold;  priors : FreePriors
+    calibration : finding.Calibration
     """
     priors, calibration = priors or FreePriors(), calibration or Calibration()
-    parts = [*_settled(release, calibration.base), *_creep(release, priors.creep),
-             *_base(release, calibration.base), *_ringing(release, priors)]
+    parts = [*_held(release, calibration.base), *_settled(release, calibration.base, priors),
+             *_creep(release, priors.creep), *_base(release, calibration.base),
+             *_ringing(release, priors)]
     parts = [part for part in parts if np.isfinite(part[3]) and np.isfinite(part[4])]
     rows = tuple(Row(release.name, scene.name, *part[:3]) for part in parts)
-    return Case(release, scene.name, np.asarray(index), rows, np.array([p[3] for p in parts]),
-                np.array([p[4] for p in parts]))
+    return Case(release, scene.name, np.asarray(index), bent, rows,
+                *(np.array([part[i] for part in parts]) for i in (3, 4)))
 
 
 def predicted(case, swing, base=None):
@@ -91,12 +108,15 @@ def predicted(case, swing, base=None):
     moved, shape = swing.moved[:, case.index], swing.shape[case.index]
     shape = shape / np.linalg.norm(shape)
     names = case.release.names
-    known = {(SETTLED, n): moved[-1, k] for k, n in enumerate(names)}
+    bent = case.bent.points[case.index]
+    known = {(HELD, n): np.zeros(3) for n in case.release.base_names}
+    known |= {(HELD, n): bent[k] for k, n in enumerate(names)}
+    known |= {(SETTLED, n): moved[-1, k] - bent[k] for k, n in enumerate(names)}
     known |= {(SHAPE, n): shape[k] for k, n in enumerate(names)}
     for w in range(len(moved) - 1):
         known |= {(creep(w), n): moved[w, k] - moved[-1, k] for k, n in enumerate(names)}
-    for k in range(len(case.release.base_rest)):
-        known[BASE, str(k)] = np.zeros(3) if base is None else base[k]
+    for k, name in enumerate(case.release.base_names):
+        known[BASE, name] = np.zeros(3) if base is None else base[k]
     scalar = {FREQUENCY: np.log(swing.frequency), DAMPING: swing.damping}
     return np.array([scalar[r.kind] if r.axis < 0 else known[r.kind, r.channel][r.axis]
                      for r in case.rows])
@@ -107,12 +127,21 @@ def creep(window):
     return f'{CREEP} {window}'
 
 
-def _settled(release, floor):
+def _held(release, floor):
+    """Rows of all channels; where one is held, few frames count, which are noise and the hand."""
+    for names, off in ((release.names, release.held), (release.base_names, release.base_held)):
+        for k, name in enumerate(names):
+            for axis in range(3):
+                yield HELD, name, axis, off[k, axis], np.hypot(release.noise.max(), floor)
+
+
+def _settled(release, floor, priors):
     last = release.moved[-1]
+    model = priors.settled * np.linalg.norm(last, axis=1).max()
     for k, name in enumerate(release.names):
         for axis in range(3):
-            sd = np.hypot(release.noise[k, axis] / np.sqrt(release.count[-1]), floor)
-            yield SETTLED, name, axis, last[k, axis], sd
+            noise = release.noise[k, axis] / np.sqrt(release.count[-1])
+            yield SETTLED, name, axis, last[k, axis], np.hypot(np.hypot(noise, floor), model)
 
 
 def _creep(release, floor):
@@ -129,9 +158,9 @@ def _base(release, floor):
     if not len(moved):
         return
     sd = np.hypot(floor, base_misfit(release))
-    for k in range(len(moved)):
+    for k, name in enumerate(release.base_names):
         for axis in range(3):
-            yield BASE, str(k), axis, moved[k, axis], sd
+            yield BASE, name, axis, moved[k, axis], sd
 
 
 def base_misfit(release):

@@ -1,5 +1,6 @@
 """The command: what it refuses is told in one line and costs nothing."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -9,9 +10,11 @@ from arm_brachy.cli import diagnose as command
 from arm_brachy.cli import main
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.paths import config_dir
+from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis.finding import Calibration
 
 SCENE = str(config_dir() / 'scenes' / 'breast.yaml')
+LOADED = str(config_dir() / 'scenes' / 'silicone_beam_load52.yaml')
 BEAM = str(config_dir() / 'scenes' / 'silicone_beam.yaml')
 
 
@@ -29,12 +32,39 @@ def said(*words):
     (('bag', '--scene', SCENE, '--calibration', 'no.yaml'), 'no.yaml: no such file'),
     (('bag', '--scene', SCENE, '--calibration', SCENE), "unknown key 'name'"),
     (('bag', '--scene', BEAM, '--calibration', 'any.yaml'), 'which has no pads'),
+    (('bag', '--scene', BEAM, '--scene-of', 'hung.yaml'), 'must be BAG=FILE'),
+    (('bag', '--scene', BEAM, '--scene-of', f'other={LOADED}'), 'one of bag, written the same'),
+    (('bag', '--scene', BEAM, *2 * ('--scene-of', f'bag={LOADED}')), 'each BAG once'),
+    (('bag', '--scene', BEAM, '--scene-of', 'bag=no.yaml'), 'no.yaml: no such file'),
 ])
 def test_bad_input_is_one_line(words, told, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, line = said(*words)
     assert code == 2 and told in line and len(line.splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_several_scenes_are_for_bodies_without_pads():
+    breast = load_scene(SCENE)
+    one, other = (SimpleNamespace(name=kind, streams={kind: None}, scene=replace(
+        breast, name=kind)) for kind in ('bare', 'hung'))
+    with pytest.raises(InputError, match='scenes bare and hung; must be of one scene'):
+        command.stages.diagnose((one, other), None)
+
+
+def test_every_bag_is_read_with_its_own_scene(monkeypatch):
+    read = []
+
+    def stop(*_):
+        raise InputError('that is all')
+    monkeypatch.setattr(command, 'zero_of', lambda bags: None)
+    monkeypatch.setattr(command, 'load_evidence', lambda bags, scenes, zero: read.extend(
+        zip(bags, [scene.name for scene in scenes], strict=True)) or [])
+    monkeypatch.setattr(command, 'told_apart', stop)
+    CliRunner().invoke(main, ['diagnose', 'bare', 'hung', '--hold-out', 'hung_2', '--scene', BEAM,
+                              '--scene-of', f'hung={LOADED}', '--scene-of', f'hung_2={LOADED}'])
+    assert read == [('bare', 'silicone_beam'), ('hung', 'silicone_beam_load52'),
+                    ('hung_2', 'silicone_beam_load52')]
 
 
 def test_what_the_laboratory_says_of_itself_reaches_the_diagnosis(tmp_path, monkeypatch):

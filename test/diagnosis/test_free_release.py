@@ -9,6 +9,7 @@ from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Marker, MeshFile, Region, Scene
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.free_findings import base_marker_findings
+from arm_brachy.diagnosis.free_hold import Hold
 from arm_brachy.diagnosis.free_look import Look
 from arm_brachy.diagnosis.free_model import Swing
 from arm_brachy.diagnosis.free_release import release_of
@@ -152,7 +153,7 @@ def test_a_marker_of_the_base_that_comes_off_is_told_and_left_out():
 
 
 def test_rows_of_a_perfect_model_are_zero_within_their_errors(release):
-    case = case_of(release, SCENE, (0, 1))
+    case = case_of(release, SCENE, (0, 1), Hold(0.0, np.zeros((2, 3))))
     moved = (1.0 - CREEPS * np.exp(-(release.times + release.t - AT) / TAU))[:, None, None] * SAG
     swing = Swing(moved, FREQUENCY_HZ, RATIO, SAG, None)
     z = (case.values - predicted(case, swing)) / case.sd

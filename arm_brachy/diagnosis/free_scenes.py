@@ -1,0 +1,59 @@
+"""Several scenes of one released body, which hangs another way or with other weights in each.
+
+Test: diagnosis/test_free_scenes.py
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from arm_brachy.core.errors import InputError
+from arm_brachy.core.scene import Scene
+from arm_brachy.tissue.terms.point_mass import PointMass
+
+OWN = ('name', 'gravity', 'loads', 'description', 'source')     # may differ
+
+
+def refuse_other_bodies(scenes):
+    """Raise InputError unless all core.scene.Scene are of one body, under different names."""
+    first, *others = dict.fromkeys(scenes)
+    for other in others:
+        if other.name == first.name:
+            raise InputError(f'two scenes of the name {first.name} that differ; must have a name '
+                             'each: give the one with other loads another')
+        same = replace(other, **{key: getattr(first, key) for key in OWN})
+        odd = [key for key in Scene.__dataclass_fields__
+               if getattr(same, key) != getattr(first, key)]
+        if odd:
+            raise InputError(f'scenes {first.name} and {other.name} differ in {", ".join(odd)}; '
+                             f'recordings told together must be of one body, whose scenes differ '
+                             f'in {", ".join(OWN[:3])} alone')
+
+
+def loads_of(scenes):
+    """The core.scene.PointLoads of all scenes, one for each place; a tuple."""
+    return tuple({tuple(load.position): load for one in scenes for load in one.loads}.values())
+
+
+def moved_loads(scene, far):
+    """For every load and axis the two Scenes in which it hangs `far` [m] to either side.
+
+    A weight that would hang beside the body hangs where its surface is nearest (`load_masses`).
+    """
+    for i, load in enumerate(scene.loads):
+        for axis in far * np.eye(3):
+            yield tuple(replace(scene, loads=(*scene.loads[:i], replace(load, position=tuple(
+                (np.array(load.position) + side * axis).tolist())), *scene.loads[i + 1:]))
+                for side in (1.0, -1.0))
+
+
+def acting(terms, scene, scenes):
+    """Those of `terms` that act in `scene`: a weight more where one of `scenes` has a load acts
+    in those that have it.
+    """
+    return tuple(term for term in terms if not isinstance(term, PointMass)
+                 or not _load_at(term.centre, scenes) or _load_at(term.centre, (scene,)))
+
+
+def _load_at(centre, scenes):
+    return any(tuple(load.position) == tuple(centre) for load in loads_of(scenes))

@@ -1,0 +1,44 @@
+"""Scenes of one body: what they may differ in, and where a weight hangs."""
+
+from dataclasses import replace
+
+import pytest
+
+from arm_brachy.core.errors import InputError
+from arm_brachy.core.scene import Marker, MeshFile, PointLoad, Region, Scene
+from arm_brachy.diagnosis.free_scenes import acting, loads_of, refuse_other_bodies
+from arm_brachy.tissue.terms.damping import Damping
+from arm_brachy.tissue.terms.point_mass import PointMass
+
+TIP = (0.1, 0.0, 0.0)
+BARE = Scene('bare', MeshFile('none.msh'), Region('half_space'), dynamics='implicit',
+             markers=(Marker('tip', TIP),))
+HUNG = replace(BARE, name='hung', loads=(PointLoad('weight', TIP, 0.02),))
+TURNED = replace(BARE, name='turned', gravity=(0.0, -9.81, 0.0))
+
+
+def test_one_body_hangs_and_is_loaded_in_any_way():
+    refuse_other_bodies([BARE, HUNG, TURNED, BARE])
+    assert loads_of([BARE, HUNG, replace(HUNG, name='again')]) == HUNG.loads
+
+
+@pytest.mark.parametrize('other, said', [
+    (replace(HUNG, name='bare'), 'two scenes of the name bare'),
+    (replace(HUNG, markers=()), 'differ in markers'),
+    (replace(HUNG, mesh=MeshFile('finer.msh')), 'differ in mesh')])
+def test_other_bodies_are_refused(other, said):
+    with pytest.raises(InputError, match=said):
+        refuse_other_bodies([BARE, other])
+
+
+def test_more_at_a_load_hangs_where_the_load_does():
+    more, damping = PointMass(mass=0.01, centre=TIP), Damping(alpha_factor=2.0)
+    scenes = [BARE, HUNG]
+    assert acting((more, damping), HUNG, scenes) == (more, damping)
+    assert acting((more, damping), BARE, scenes) == (damping,)
+
+
+def test_a_weight_where_no_scene_has_one_hangs_in_all():
+    elsewhere = PointMass(mass=0.01, centre=(0.05, 0.0, 0.0))
+    for scene in (BARE, HUNG):
+        assert acting((elsewhere,), scene, [BARE, HUNG]) == (elsewhere,)
