@@ -19,6 +19,7 @@ import numpy as np
 from arm_brachy.core.errors import ConfigError, NotConverged
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.term import Stage
+from arm_brachy.diagnosis.free_release import QUIET
 from arm_brachy.diagnosis.specimen import Specimen, attach
 from arm_brachy.diagnosis.stream import TISSUE
 from arm_brachy.diagnosis.trajectory import Trajectory, evolve
@@ -45,6 +46,8 @@ class Swing:
     moved : (w, k, 3) [m] from the stress-free shape at the times asked for; 0 off the tissue
     frequency [Hz], damping : ratio, shape : (k, 3), along the way it settles
     carried : ratio less if damping in proportion to mass is that of the tissue's own alone
+    others : rms of all other modes, from a period after the release until it is quiet, over the
+        size of what rings at the beginning of that
     x : (n, 3) [m] nodes at the last of the times
     """
 
@@ -54,6 +57,7 @@ class Swing:
     shape: np.ndarray
     x: np.ndarray
     carried: float = 0.0
+    others: float = 0.0
 
 
 def free_specimen(scene, mesh=None):
@@ -113,8 +117,8 @@ class FreeModel:
         moved = at - self._attached.points(self.body.mesh.nodes, zero, np.zeros(3))
         matrix = self._attached.matrix(len(self.body.mesh.nodes))
         moved = np.where(inside[:, None], moved, 0.0)
-        return tuple(Swing(moved, frequency, damping, shape, path.x[-1], carried)
-                     for frequency, (damping, carried), shape in self._vibrations(
+        return tuple(Swing(moved, frequency, damping, shape, path.x[-1], carried, others)
+                     for frequency, (damping, carried), shape, others in self._vibrations(
                          path, matrix, moved[-1], held))
 
     def displaced(self, x, shift):
@@ -166,7 +170,7 @@ class FreeModel:
         return found.x
 
     def _vibrations(self, path, matrix, way, held):
-        """(frequency, (damping, part of it by what is carried), shape) of what each excites."""
+        """(frequency, (damping, part by what is carried), shape, others) of what each excites."""
         now = int(np.searchsorted(path.t, RINGS))
         x, fields = path.x[now], self._fields(path, now)
         solver = StaticSolver(self.body)
@@ -225,15 +229,28 @@ class FreeModel:
 
 
 def _ringing(w, ratio, shapes, way):
-    """(frequency, ratios, shape): the modes near the loudest, weighed by how loud they are.
+    """(frequency, ratios, shape, others): modes near the loudest, weighed by how loud they are.
 
     ratio : (r, j), shapes : (k, 3, j) of j modes at w (j,) [1/s]
     """
     loud = np.sum(shapes ** 2, axis=(0, 1))
     top = int(np.argmax(loud))
     weight = np.where(np.abs(w - w[top]) <= NEAR * w[top], loud, 0.0)
+    others = _others(w, w * ratio[0], np.where(weight > 0.0, 0.0, loud) / weight.sum(), top)
     weight /= weight.sum()
     shape = shapes[..., weight > 0.0].sum(axis=2)
     shape = shape if np.sum(shape * way) >= 0.0 else -shape
     frequency = float(np.sqrt(weight @ w ** 2) / (2.0 * np.pi))
-    return frequency, (ratio @ weight).tolist(), shape / np.linalg.norm(shape)
+    return frequency, (ratio @ weight).tolist(), shape / np.linalg.norm(shape), others
+
+
+def _others(w, decay, loud, top):
+    """As Swing.others: modes at w (j,) [1/s] that decay (j,) [1/s], their squares over the top's.
+
+    free_release reads the ringing in that stretch, in which those that are faster die away.
+    """
+    begin = 2.0 * np.pi / w[top]
+    lasts = -np.log(QUIET) / max(decay[top], 1e-6)
+    fade = 2.0 * np.maximum(decay, 1e-6)
+    mean = 0.5 * np.exp(-fade * begin) * -np.expm1(-fade * lasts) / (fade * lasts)
+    return float(np.sqrt(loud @ mean / np.exp(-fade[top] * begin)))

@@ -6,9 +6,19 @@ Test: diagnosis/test_free_release.py
 
 import numpy as np
 
-from arm_brachy.diagnosis.free_table import BASE, CREEP, DAMPING, FREQUENCY, HELD, SETTLED, SHAPE
+from arm_brachy.diagnosis.free_table import (
+    BASE,
+    BESIDE,
+    CREEP,
+    DAMPING,
+    FREQUENCY,
+    HELD,
+    SETTLED,
+    SHAPE,
+)
 
 STEP = 0.1      # of a standard deviation, over which what a hand did is taken
+OTHERS = 0.3    # of the size of other modes, whose damping is not known; own choice
 ASIDE = 1e-6    # m, over which differences of where a marker goes are taken
 
 
@@ -19,7 +29,7 @@ def columns_of(case, specimen, swing, priors, holds, undamped=False):
     holds : m of (free_hold.Hold, Swing of the body that was held by STEP of it more)
     undamped : True where damping is not known
     Turns and shifts of the tracker 6, the hand m, motion of the base 6 where it is seen, 1 of a
-    load that takes no part in the damping, 1 of damping.
+    load that takes no part in the damping, 1 of damping, 1 of other modes.
     """
     points = specimen.rest[case.index]
     moved, shape = swing.moved[-1, case.index], swing.shape[case.index]
@@ -39,6 +49,7 @@ def columns_of(case, specimen, swing, priors, holds, undamped=False):
             _rigid(points, base, priors.base), _rigid(base, base, priors.base), strict=True)]
     damping = np.array([row.kind == DAMPING for row in case.rows], dtype=float)
     out += [sd * damping for sd in (swing.carried, priors.damped * undamped) if sd]
+    out.append(np.array([OTHERS * swing.others * (row.kind == BESIDE) for row in case.rows]))
     return np.column_stack(out)
 
 

@@ -2,7 +2,8 @@
 
 Held: how far from its place in the scene every channel, on the tissue or on the base, was when the
 hand let go. Settled: how far it went from there. Creep: what was missing from that in earlier
-windows. Base: how far its markers went. Frequency, damping, shape of the ringing.
+windows. Base: how far its markers went. Frequency, damping, shape of the ringing, and
+what moves beside it.
 Test: diagnosis/test_free_release.py
 """
 
@@ -14,8 +15,8 @@ from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.finding import Calibration
 from arm_brachy.diagnosis.prepared import rigid_motion
 
-HELD, SETTLED, CREEP, BASE, FREQUENCY, DAMPING, SHAPE = (
-    'held', 'settled', 'creep', 'base', 'frequency', 'damping', 'shape')
+HELD, SETTLED, CREEP, BASE, FREQUENCY, DAMPING, SHAPE, BESIDE = (
+    'held', 'settled', 'creep', 'base', 'frequency', 'damping', 'shape', 'beside')
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,9 @@ class FreePriors:
                               source='test_free_model: 2 % of a slender, 7 % of a stout body')
     damped: float = quantity(0.3, '', 'damping ratio where the scene has none', low=0.0, high=1.0,
                              source='own choice: any that lets a body ring')
+    beside: float = quantity(0.025, '', 'what a mode leaves of a ringing body, of its size',
+                             low=0.0, high=1.0, source='1 to 3 % of silicone beams and bars, for '
+                                                       'they swing far')
     shape: float = quantity(0.005, '', 'the same of a shape of unit norm', low=0.0, high=1.0,
                             source='test_free_model')
 
@@ -117,7 +121,7 @@ def predicted(case, swing, base=None):
         known |= {(creep(w), n): moved[w, k] - moved[-1, k] for k, n in enumerate(names)}
     for k, name in enumerate(case.release.base_names):
         known[BASE, name] = np.zeros(3) if base is None else base[k]
-    scalar = {FREQUENCY: np.log(swing.frequency), DAMPING: swing.damping}
+    scalar = {FREQUENCY: np.log(swing.frequency), DAMPING: swing.damping, BESIDE: swing.others}
     return np.array([scalar[r.kind] if r.axis < 0 else known[r.kind, r.channel][r.axis]
                      for r in case.rows])
 
@@ -181,6 +185,9 @@ def _ringing(release, priors):
            np.hypot(ring.frequency_sd / ring.frequency, priors.frequency))
     yield (DAMPING, '', -1, ring.damping,
            np.hypot(ring.damping_sd, priors.damping * ring.damping))
+    size = ring.amplitude / np.sqrt(ring.shape.size)
+    other = np.sqrt(max(ring.left ** 2 - np.mean(release.noise ** 2), 0.0))
+    yield BESIDE, '', -1, other / size, priors.beside
     for k, name in enumerate(release.names):
         for axis in range(3):
             yield SHAPE, name, axis, ring.shape[k, axis], np.hypot(ring.shape_sd, priors.shape)
