@@ -205,7 +205,7 @@ def _alone(problem, answer):
 def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, given, specimens,
            full):
     decision = stood_back(told_apart(decision, full), lambda one: _held_out(
-        study, plain, full.fit(one), fitted, tested, given, specimens))
+        study, problem, plain, full.fit(one), fitted, tested, given, specimens))
     fits = _fits(decision, full)
     causes, where = _causes(problem, decision, answers, fits)
     gain, named = problem.r ** 2, fits[0] if fits else None
@@ -222,7 +222,7 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
     return FreeParts(
         decision, decision.verdict, causes, where, intervals,
         said.alternatives(problem, decision, answers, dropped),
-        _held_out(study, plain, named, fitted, tested, given, specimens),
+        _held_out(study, problem, plain, named, fitted, tested, given, specimens),
         {'E': best.stiffness(E)}, {'E': plain.stiffness(E)}, _next(decision),
         decision.accepted.held_out if decision.accepted else None, decision.left.chance,
         min(apart) if apart else None, base_marker_findings(
@@ -257,11 +257,17 @@ def _causes(problem, decision, answers, fits):
     return tuple(causes), tuple(p for p in places if p is not None)
 
 
-def _held_out(study, plain, named, fitted, tested, given, specimens):
+def _held_out(study, problem, plain, named, fitted, tested, given, specimens):
     """StreamFit of every recording held out, or of those fitted where there is none."""
     out = []
     for look in tested or fitted:
-        def error(terms, specimen=specimens[look.scene.name], look=look):
+        def error(fit, look=look):
+            specimen = specimens[look.scene.name]
+            if fit is None:
+                return left(given[look.scene.name], ())
+            return left(study.as_hung(specimen, problem, fit), fit.terms)
+
+        def left(specimen, terms, look=look):
             model = study.model(specimen, terms)
             return trace.left(look.release, trace.of_model(model, look.release,
                                                            look.index(specimen)))
@@ -270,9 +276,9 @@ def _held_out(study, plain, named, fitted, tested, given, specimens):
                    and one.release.names == look.release.names]
         floor = min(trace.left(look.release, trace.of_repeat(one.release))
                     for one in (repeats or [look]))
-        out.append(StreamFit(look.release.kind, error((), given[look.scene.name]),
-                             error(plain.terms), floor,
-                             None if named is None else error(named.terms),
+        out.append(StreamFit(look.release.kind, error(None),
+                             error(plain), floor,
+                             None if named is None else error(named),
                              look.release.name if tested else ''))
     return tuple(out)
 

@@ -35,16 +35,14 @@ def loads_of(scenes):
     return tuple({tuple(load.position): load for one in scenes for load in one.loads}.values())
 
 
-def moved_loads(scene, far):
-    """For every load and axis the two Scenes in which it hangs `far` [m] to either side.
+def hung(scene, shifts):
+    """The Scene with its i-th load farther by shifts[i] (3,) [m].
 
     A weight that would hang beside the body hangs where its surface is nearest (`load_masses`).
     """
-    for i, load in enumerate(scene.loads):
-        for axis in far * np.eye(3):
-            yield tuple(replace(scene, loads=(*scene.loads[:i], replace(load, position=tuple(
-                (np.array(load.position) + side * axis).tolist())), *scene.loads[i + 1:]))
-                for side in (1.0, -1.0))
+    return replace(scene, loads=tuple(
+        replace(load, position=tuple((np.array(load.position) + shift).tolist()))
+        for load, shift in zip(scene.loads, shifts, strict=True)))
 
 
 def acting(terms, scene, scenes):

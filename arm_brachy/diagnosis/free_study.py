@@ -13,9 +13,9 @@ from arm_brachy.diagnosis.decide import Explanation, Problem
 from arm_brachy.diagnosis.free_hold import hold_shapes
 from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
 from arm_brachy.diagnosis.free_nuisances import STEP, columns_of, places_of
-from arm_brachy.diagnosis.free_scenes import acting, moved_loads
+from arm_brachy.diagnosis.free_scenes import acting, hung
 from arm_brachy.diagnosis.free_table import BASE, CREEP, HELD, SETTLED, predicted
-from arm_brachy.diagnosis.inference import log_density
+from arm_brachy.diagnosis.inference import log_density, posterior
 from arm_brachy.tissue.assembly import InvertedElement
 from arm_brachy.tissue.build import load_scene_mesh
 from arm_brachy.tissue.mesh import embed, load_mesh, quadratic_mesh
@@ -69,6 +69,7 @@ class FreeStudy:
             self._swings |= self._let_go(name, self._models[name])
             self.near[name] = next(self._swings[c.release.name].x for c in self._of(name))
         self.start = self._vector(self._swings, self.terms)
+        self._aside = self._hangs()
         self._holds = {name: hold_shapes(one, priors.hold) for name, one in specimens.items()}
 
     def vector(self, terms):
@@ -133,7 +134,8 @@ class FreeStudy:
         return ((there - self.start) / LIFT * self.priors.modulus / self.sd)[:, None]
 
     def nuisances(self, mesh=True):
-        """(n, k) all that needs no cause but the modulus: frames, hands, bases, places, mesh.
+        """(n, k) all that needs no cause but the modulus: frames, hands, bases, places, mesh, and
+        where loads hang, which comes last.
 
         A marker is at one place in all recordings of a scene; for another it may have been glued
         anew.
@@ -150,8 +152,9 @@ class FreeStudy:
                 key = case.scene, name
                 places[key] = places.get(key, 0.0) + self._within(rows, part)
             first = rows.stop
-        every = [*blocks, *places.values(), *self._hanging()]
-        return np.hstack([*every, self._mesh()] if mesh else every)
+        every = [*blocks, *places.values(), *([self._mesh()] if mesh else [])]
+        return np.hstack([*every, *(does[:, None] / self.sd[:, None]
+                                    for _, _, does in self._aside)])
 
     def _within(self, rows, columns):
         """(n, j) over the errors: columns of some rows alone."""
@@ -194,13 +197,29 @@ class FreeStudy:
         return tuple(zip(holds, self._models[case.scene].swings(self.times[case.scene], [
             case.bent.nodes + STEP * hold.nodes for hold in holds]), strict=True))
 
-    def _hanging(self):
-        """(n, 1) each: what a weight does that hangs aside along an axis, to where it does most.
+    def _hangs(self):
+        """((scene, (loads, 3) [m] by which one hangs aside, (n,) what that does), each.
+
+        Along every axis, to the side where it does more.
         """
+        out = []
         for name, specimen in self.specimens.items():
-            for sides in moved_loads(specimen.scene, self.priors.hang):
-                changes = [self._hung(name, scene) - self.start for scene in sides]
-                yield (max(changes, key=np.linalg.norm) / self.sd)[:, None]
+            count = len(specimen.scene.loads)
+            for i, axis in np.ndindex(count, 3):
+                shift = np.zeros((count, 3))
+                shift[i, axis] = self.priors.hang
+                ways = [(name, side * shift, self._hung(name, hung(
+                    specimen.scene, side * shift)) - self.start) for side in (1.0, -1.0)]
+                out.append(max(ways, key=lambda way: np.linalg.norm(way[2])))
+        return tuple(out)
+
+    def as_hung(self, specimen, problem, fit):
+        """A Specimen with its loads where a free_fit.FreeFit to the problem has them."""
+        U = problem.U[:, :-1]
+        share = posterior(U, fit.residual).mean[U.shape[1] - len(self._aside):]
+        shift = sum((z * way for z, (name, way, _) in zip(share, self._aside, strict=True)
+                     if name == specimen.scene.name), np.zeros((len(specimen.scene.loads), 3)))
+        return free_specimen(hung(specimen.scene, shift)) if np.any(shift) else specimen
 
     def _hung(self, name, scene):
         """(n,) as `vector`, the loads of one scene where a Scene has them."""

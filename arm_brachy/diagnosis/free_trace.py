@@ -1,18 +1,23 @@
 """The held-out figure of a released body: what a description leaves of the markers' motion.
 
 How strongly and in which phase the hand let go is no property of the body, nor is the tracker's
-frame: amplitude, phase and a small turn are fitted to the recording that is predicted, all else is
-not. The same for a model and for the other repeat, which says what repeats.
+frame: amplitude, phase and a small turn are fitted to the recording that is predicted, and its
+frequency within the error with which that is known (a body that swings far slows down, and one
+per cent over ten swings is half of what swings); all else is not. The same for a model and for the
+other repeat, which says what repeats.
 Test: diagnosis/test_free_release.py
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from arm_brachy.diagnosis.free_release import oscillation
+from arm_brachy.diagnosis.free_table import FreePriors
 
 BEGIN = 0.1         # s after the release, for a body that does not ring
+SURE = 2.0          # standard deviations within which a frequency may be
 INSTANTS = 8        # at which a model is asked for its slow motion
 
 
@@ -70,6 +75,16 @@ def of_repeat(release):
 
 def left(release, description):
     """[m] rms per axis that a Description of the same channels leaves of a Release."""
+    ring = release.ring
+    if ring is None or not np.isfinite(description.frequency):
+        return _left(release, description)
+    slack = SURE * np.hypot(ring.frequency_sd / ring.frequency, FreePriors().frequency)
+    return float(minimize_scalar(lambda factor: _left(release, replace(
+        description, frequency=factor * description.frequency)), method='bounded',
+        bounds=(1.0 - slack, 1.0 + slack)).fun)
+
+
+def _left(release, description):
     start = BEGIN if release.ring is None else release.ring.span[0]
     rows = release.since >= start
     t, path = release.since[rows], release.path[rows]

@@ -31,6 +31,12 @@ class Tried:
     responses: tuple
     left_out: dict = field(default_factory=dict)
 
+    def more(self, other):
+        """The Tried with the hypotheses of another on the same recordings."""
+        found = {one.name for one in other.hypotheses}
+        return Tried((*self.hypotheses, *other.hypotheses), (*self.responses, *other.responses),
+                     {name: why for name, why in self.left_out.items() if name not in found})
+
 
 def triable(cls, remembers=False, heavy=True):
     """'' if a term class can be tried at all, else why not.
@@ -49,10 +55,11 @@ def triable(cls, remembers=False, heavy=True):
     return 'acts on what swings, which is not modelled here' if name in INERTIAL else ''
 
 
-def try_all(matched, occasions=None, progress=None):
+def try_all(matched, occasions=None, progress=None, terms=TERMS):
     """Tried: all terms of the registry on matched.Matched recordings of one body.
 
     occasions : candidates.Occasions;  progress : called with (done, of, name) or None
+    terms : classes of the registry, where not all
     What happened suddenly in one of several recordings, or in a rhythm, is tried in that one alone
     as well: it need not happen again at the same time. A place at which a term does not fit the
     body, or finds no state, is left out.
@@ -61,9 +68,9 @@ def try_all(matched, occasions=None, progress=None):
     specimen, left_out, found, answers = matched[0].baseline.model.specimen, {}, [], []
     remembers = any(m.baseline.model.remembers or m.baseline.model.timed for m in matched)
     heavy = any(np.any(m.baseline.model.body.gravity) for m in matched)
-    whys = {cls.spec.name: triable(cls, remembers, heavy) for cls in TERMS}
+    whys = {cls.spec.name: triable(cls, remembers, heavy) for cls in terms}
     left_out |= {name: why for name, why in whys.items() if why}
-    listed = [cls for cls in TERMS if cls.spec.name not in left_out]
+    listed = [cls for cls in terms if cls.spec.name not in left_out]
     for done, cls in enumerate(listed):
         if progress:
             progress(done, len(listed), cls.spec.name)

@@ -10,13 +10,16 @@ from arm_brachy.core.random import stream
 from arm_brachy.diagnosis.assembly import Assembly, assemble
 from arm_brachy.diagnosis.decide import Decision, Judge
 from arm_brachy.diagnosis.full_fits import FullFits
+from arm_brachy.diagnosis.hypotheses import try_all
 from arm_brachy.diagnosis.loudness import louder, said
 from arm_brachy.diagnosis.mesh_errors import SYSTEMATIC
 from arm_brachy.diagnosis.mesh_fault import ALLOWED, MeshFault, mesh_fault
 from arm_brachy.diagnosis.mesh_limit import at_limit
 from arm_brachy.diagnosis.mesh_limit import said as said_of_limit
+from arm_brachy.diagnosis.passing import passing
 from arm_brachy.diagnosis.reglued import reglued, with_places_apart
 from arm_brachy.diagnosis.reglued import said as said_of_places
+from arm_brachy.tissue.terms.external_force import ExternalForce
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,10 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
         notes = (*notes, said_of_limit(finer))
     if fault is not None or finer is not None:
         assembly, fits, one = judge(matched)
+    spans = None if fault is not None or _settled(one) else _spans(assembly, one)
+    if spans is not None:
+        tried = tried.more(try_all(matched, spans, terms=(ExternalForce,)))
+        assembly, fits, one = judge(matched)
     again = _once(lambda factors, quiet=fits: judge(_louder(matched, factors), quiet))
     factors, (assembly, fits, one) = _noise_beside((assembly, fits, one), again)
     decision = one.decide()
@@ -81,6 +88,18 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
     if factors:
         tests, notes = _louder(tests, factors), (*notes, *said(factors))
     return Judgement(assembly, fits, decision, tuple(tests), fault, notes, finer is not None)
+
+
+def _settled(judge):
+    """True if nothing is missing, or if one cause stands out that leaves nothing."""
+    found = judge.outstanding()
+    return found is not None and found[1].chance >= judge.rules.alarm
+
+
+def _spans(assembly, judge):
+    """candidates.Occasions of a force that passes and stands out from all else; None = none."""
+    found = passing(assembly, judge.singles()[0].evidence)
+    return None if found is None else found.occasions
 
 
 def _louder(matched, factors):
