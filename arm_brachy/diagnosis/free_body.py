@@ -161,9 +161,8 @@ def _refuse_other_size(study):
 
 def _study(looks, specimens, priors, given=0.0):
     mine = {look.scene.name: specimens[look.scene.name] for look in looks}
-    cases, placements = zip(*(look.case(mine[look.scene.name], priors) for look in looks),
-                            strict=True)
-    return FreeStudy(cases, mine, priors, max(placements), given=given,
+    cases = [look.case(mine[look.scene.name], priors) for look in looks]
+    return FreeStudy(cases, mine, priors, max(c.hand.placement for c in cases), given=given,
                      scenes=[one.scene for one in specimens.values()],
                      undamped={look.scene.name for look in looks if unknown(look.scene)})
 
@@ -259,22 +258,25 @@ def _causes(problem, decision, answers, fits):
 
 def _held_out(study, problem, plain, named, fitted, tested, given, specimens):
     """StreamFit of every recording held out, or of those fitted where there is none."""
+    cases = {look.release.name: look.case(specimens[look.scene.name], study.priors)
+             for look in (*fitted, *tested)}
     out = []
     for look in tested or fitted:
+        case = cases[look.release.name]
+
         def error(fit, look=look):
             specimen = specimens[look.scene.name]
             if fit is None:
                 return left(given[look.scene.name], ())
             return left(study.as_hung(specimen, problem, fit), fit.terms)
 
-        def left(specimen, terms, look=look):
+        def left(specimen, terms, case=case):
             model = study.model(specimen, terms)
-            return trace.left(look.release, trace.of_model(model, look.release,
-                                                           look.index(specimen)))
+            return trace.left(case, trace.of_model(model, case.release, case.index))
 
         repeats = [one for one in fitted if one.scene.name == look.scene.name
                    and one.release.names == look.release.names]
-        floor = min(trace.left(look.release, trace.of_repeat(one.release))
+        floor = min(trace.left(case, trace.of_repeat(cases[one.release.name]))
                     for one in (repeats or [look]))
         out.append(StreamFit(look.release.kind, error(None),
                              error(plain), floor,

@@ -54,8 +54,21 @@ def hold_shapes(specimen, size):
     return tuple(out)
 
 
+@dataclass(frozen=True)
+class Held:
+    """How a body was held, as far as where it was seen tells.
+
+    bent : Hold, the likeliest;  doubt : (m, k, 3) [m] at the points, 1 standard deviation each
+    placement : [m] per axis by which markers are off their places
+    """
+
+    bent: Hold
+    doubt: np.ndarray
+    placement: float
+
+
 def seen_held(release, specimen, priors, usual):
-    """(Hold, [m]): how a body was held, and how far per axis markers are off their places.
+    """Return the Held of a release.
 
     release : free_release.Release of a body of the Specimen;  priors : free_table.FreePriors
     usual : [m] standard deviation of places at least. Both are the likeliest, with frame and
@@ -80,9 +93,13 @@ def seen_held(release, specimen, priors, usual):
 
     found = minimize_scalar(unlikely, bounds=np.log([usual, FARTHEST * usual]), method='bounded')
     sd = float(np.exp(found.x))
-    share = A.T @ np.linalg.solve(A @ A.T + sd ** 2 * np.eye(len(A)), off.ravel())
-    return Hold(*(sum(a * part for a, part in zip(share, parts, strict=False)) for parts in (
-        [hold.nodes for hold in holds], [hold.points for hold in holds]))), sd
+    told = A.T @ np.linalg.inv(A @ A.T + sd ** 2 * np.eye(len(A)))
+    share, count = told @ off.ravel(), len(holds)
+    left = np.linalg.cholesky((np.eye(A.shape[1]) - told @ A)[:count, :count])
+    nodes, points = (np.array([getattr(hold, name) for hold in holds])
+                     for name in ('nodes', 'points'))
+    bent = Hold(*(np.tensordot(share[:count], part, 1) for part in (nodes, points)))
+    return Held(bent, np.tensordot(left.T, points, 1), sd)
 
 
 def _length(specimen, inside):

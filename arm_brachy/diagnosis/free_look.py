@@ -29,11 +29,10 @@ class Look:
         return np.array([every.index(name) for name in self.release.names])
 
     def case(self, specimen, priors):
-        """(free_table.Case, [m] per axis by which its markers are off their places)."""
+        """Its free_table.Case."""
         calibration = self.prepared.calibration
-        bent, placement = seen_held(self.release, specimen, priors, calibration.placement)
-        return case_of(self.release, self.scene, self.index(specimen), bent, priors,
-                       calibration), placement
+        held = seen_held(self.release, specimen, priors, calibration.placement)
+        return case_of(self.release, self.scene, self.index(specimen), held, priors, calibration)
 
 
 def _refuse_other_markers(prepared):

@@ -45,13 +45,14 @@ def hung(scene, shifts):
         for load, shift in zip(scene.loads, shifts, strict=True)))
 
 
-def acting(terms, scene, scenes):
-    """Those of `terms` that act in `scene`: a weight more where one of `scenes` has a load acts
-    in those that have it.
+def acting(terms, name, scenes):
+    """Those of `terms` that act in the scene of a name: a weight more where one of `scenes` has a
+    load acts in those that have it there.
     """
-    return tuple(term for term in terms if not isinstance(term, PointMass)
-                 or not _load_at(term.centre, scenes) or _load_at(term.centre, (scene,)))
-
-
-def _load_at(centre, scenes):
-    return any(tuple(load.position) == tuple(centre) for load in loads_of(scenes))
+    out = []
+    for term in terms:
+        at = [one.name for one in scenes if isinstance(term, PointMass) and any(
+            tuple(load.position) == tuple(term.centre) for load in one.loads)]
+        if not at or name in at:
+            out.append(term)
+    return tuple(out)

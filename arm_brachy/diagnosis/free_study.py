@@ -24,6 +24,7 @@ from arm_brachy.tissue.terms.stiffness_scale import StiffnessScale
 
 FINE = 4000     # elements above which a mesh is not refined to learn its error
 LOOSER = (1.0, 1.5, 2.0, 3.0, 4.5)  # times the error of places that where markers are seen tells
+LIKELY = 2.0    # standard deviations
 LIFT = 0.05     # logarithm of the modulus over which its effect is taken
 
 
@@ -195,7 +196,7 @@ class FreeStudy:
         """(Hold, Swing) each: how it rings when a hand bends it by STEP of that Hold more."""
         holds = self._holds[case.scene]
         return tuple(zip(holds, self._models[case.scene].swings(self.times[case.scene], [
-            case.bent.nodes + STEP * hold.nodes for hold in holds]), strict=True))
+            case.hand.bent.nodes + STEP * hold.nodes for hold in holds]), strict=True))
 
     def _hangs(self):
         """((scene, (loads, 3) [m] by which one hangs aside, (n,) what that does), each.
@@ -214,9 +215,13 @@ class FreeStudy:
         return tuple(out)
 
     def as_hung(self, specimen, problem, fit):
-        """A Specimen with its loads where a free_fit.FreeFit to the problem has them."""
+        """A Specimen with its loads where a free_fit.FreeFit to the problem has them.
+
+        No farther than is likely: what a response says of more leads beside the body.
+        """
         U = problem.U[:, :-1]
         share = posterior(U, fit.residual).mean[U.shape[1] - len(self._aside):]
+        share = np.clip(share, -LIKELY, LIKELY)
         shift = sum((z * way for z, (name, way, _) in zip(share, self._aside, strict=True)
                      if name == specimen.scene.name), np.zeros((len(specimen.scene.loads), 3)))
         return free_specimen(hung(specimen.scene, shift)) if np.any(shift) else specimen
@@ -244,13 +249,13 @@ class FreeStudy:
 
     def _let_go(self, name, model, taken=np.asarray):
         """Recording -> Swing of those of a scene, by a FreeModel that has `taken` their hold."""
-        held = [taken(case.bent.nodes) for case in self._of(name)]
+        held = [taken(case.hand.bent.nodes) for case in self._of(name)]
         return dict(zip([case.release.name for case in self._of(name)],
                         model.swings(self.times[name], held), strict=True))
 
     def model(self, specimen, terms, near=None):
         """The FreeModel of a Specimen with those of `terms` that act in its scene."""
-        return FreeModel(specimen, acting(terms, specimen.scene, self._scenes), near)
+        return FreeModel(specimen, acting(terms, specimen.scene.name, self._scenes), near)
 
     def _vector(self, swings, terms):
         scale = 1.0 + sum(t.scale for t in terms if isinstance(t, OpticalScale))

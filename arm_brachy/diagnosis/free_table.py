@@ -75,23 +75,23 @@ class Case:
     """A free_release.Release beside its scene.
 
     index : (k,) of its channels among the points of the specimen;  rows : Row each
-    bent : free_hold.Hold, how it was held as far as where it was seen tells
+    hand : free_hold.Held
     values, sd : (n,) measured, SI, and their errors
     """
 
     release: object
     scene: str
     index: np.ndarray
-    bent: object
+    hand: object
     rows: tuple
     values: np.ndarray
     sd: np.ndarray
 
 
-def case_of(release, scene, index, bent, priors=None, calibration=None):
+def case_of(release, scene, index, hand, priors=None, calibration=None):
     """Return the Case of a Release.
 
-    scene : core.scene.Scene;  bent : free_hold.Hold;  priors : FreePriors
+    scene : core.scene.Scene;  hand : free_hold.Held;  priors : FreePriors
     calibration : finding.Calibration
     """
     priors, calibration = priors or FreePriors(), calibration or Calibration()
@@ -100,7 +100,7 @@ def case_of(release, scene, index, bent, priors=None, calibration=None):
              *_ringing(release, priors)]
     parts = [part for part in parts if np.isfinite(part[3]) and np.isfinite(part[4])]
     rows = tuple(Row(release.name, scene.name, *part[:3]) for part in parts)
-    return Case(release, scene.name, np.asarray(index), bent, rows,
+    return Case(release, scene.name, np.asarray(index), hand, rows,
                 *(np.array([part[i] for part in parts]) for i in (3, 4)))
 
 
@@ -112,7 +112,7 @@ def predicted(case, swing, base=None):
     moved, shape = swing.moved[:, case.index], swing.shape[case.index]
     shape = shape / np.linalg.norm(shape)
     names = case.release.names
-    bent = case.bent.points[case.index]
+    bent = case.hand.bent.points[case.index]
     known = {(HELD, n): np.zeros(3) for n in case.release.base_names}
     known |= {(HELD, n): bent[k] for k, n in enumerate(names)}
     known |= {(SETTLED, n): moved[-1, k] - bent[k] for k, n in enumerate(names)}

@@ -1,10 +1,11 @@
 """The held-out figure of a released body: what a description leaves of the markers' motion.
 
 How strongly and in which phase the hand let go is no property of the body, nor is the tracker's
-frame: amplitude, phase and a small turn are fitted to the recording that is predicted, and its
-frequency within the error with which that is known (a body that swings far slows down, and one
-per cent over ten swings is half of what swings); all else is not. The same for a model and for the
-other repeat, which says what repeats.
+frame, or how the hand bent it as far as markers leave that in doubt: amplitude, phase, a small
+turn and the bend are fitted to the recording that is predicted, and its frequency within the error
+with which it is known (a body that swings far slows down, and one per cent over ten swings is half
+of what swings). All else is not. The same for a model and for the other repeat, which says what
+repeats.
 Test: diagnosis/test_free_release.py
 """
 
@@ -14,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from arm_brachy.diagnosis.free_release import oscillation
-from arm_brachy.diagnosis.free_table import FreePriors
+from arm_brachy.diagnosis.free_table import SETTLED, FreePriors
 
 BEGIN = 0.1         # s after the release, for a body that does not ring
 SURE = 2.0          # standard deviations within which a frequency may be
@@ -54,17 +55,22 @@ def of_model(model, release, index):
                        swing.shape[index])
 
 
-def of_repeat(release):
-    """Description by a Release itself: its ringing, and the means of its settled windows."""
-    ring = release.ring
+def of_repeat(case):
+    """Description by another free_table.Case: its ringing, and the means of its settled windows.
+
+    From the stress-free shape, as far as how it was held is known.
+    """
+    release = case.release
+    ring, bent = release.ring, case.hand.bent.points[case.index]
     if ring is None:
-        return Description(release.times, release.moved, np.nan, np.nan, release.moved[-1])
+        moved = release.moved + bent
+        return Description(release.times, moved, np.nan, np.nan, moved[-1])
     ends = np.array([ring.span[0], release.since[-1]])
     if len(release.times) == 1:     # too short a rest for the slope of what creeps
-        return Description(ends, np.repeat(release.moved, 2, axis=0), ring.frequency,
+        return Description(ends, np.repeat(release.moved + bent, 2, axis=0), ring.frequency,
                            ring.damping, ring.shape)
     late = release.since >= ring.span[1]
-    t, path = release.since[late], release.path[late].reshape(late.sum(), -1)
+    t, path = release.since[late], (release.path[late] + bent).reshape(late.sum(), -1)
     basis = np.column_stack([np.ones(len(t)), np.log(t)])
     seen = np.isfinite(path)
     fit = np.column_stack([np.linalg.lstsq(basis[here], column[here], rcond=None)[0]
@@ -73,29 +79,47 @@ def of_repeat(release):
     return Description(ends, moved.reshape(2, -1, 3), ring.frequency, ring.damping, ring.shape)
 
 
-def left(release, description):
-    """[m] rms per axis that a Description of the same channels leaves of a Release."""
-    ring = release.ring
+def left(case, description):
+    """[m] rms per axis that a Description of the same channels leaves of a free_table.Case."""
+    ring = case.release.ring
     if ring is None or not np.isfinite(description.frequency):
-        return _left(release, description)
+        return _left(case, description)
     slack = SURE * np.hypot(ring.frequency_sd / ring.frequency, FreePriors().frequency)
-    return float(minimize_scalar(lambda factor: _left(release, replace(
+    return float(minimize_scalar(lambda factor: _left(case, replace(
         description, frequency=factor * description.frequency)), method='bounded',
         bounds=(1.0 - slack, 1.0 + slack)).fun)
 
 
-def _left(release, description):
+def _left(case, description):
+    release, hand = case.release, case.hand
     start = BEGIN if release.ring is None else release.ring.span[0]
     rows = release.since >= start
-    t, path = release.since[rows], release.path[rows]
+    t = release.since[rows]
     slow = description.slow(t)
+    off = release.path[rows] + hand.bent.points[case.index] - slow
     free = [np.cross(axis, slow) for axis in np.eye(3)]
     if release.ring is not None and np.isfinite(description.frequency):
         swing = oscillation(t - start, description.frequency, description.damping)
         free += [one[:, None, None] * description.shape for one in swing.T]
-    basis = np.column_stack([one.ravel() for one in free])
-    off = (path - slow).ravel()
+    doubt = [np.broadcast_to(one[case.index], off.shape) for one in hand.doubt]
     seen = np.isfinite(off)
-    basis, off = basis[seen], off[seen]
-    basis = basis / np.linalg.norm(basis, axis=0)
-    return float(np.sqrt(np.mean((off - basis @ np.linalg.lstsq(basis, off, rcond=None)[0]) ** 2)))
+    basis = np.column_stack([one[seen] for one in (*free, *doubt)])
+    return _rms_left(basis, off[seen], len(free), _error(case) * np.sqrt(len(t)))
+
+
+def _rms_left(basis, off, free, error):
+    """rms of what a basis leaves of `off`, its columns after the first `free` of unit prior.
+
+    error : [m] of `off` as a whole, beside which they are fitted
+    """
+    size = np.linalg.norm(basis[:, :free], axis=0)
+    scaled = basis / np.append(size, np.ones(basis.shape[1] - free))
+    prior = np.diag(np.append(np.zeros(free), np.full(basis.shape[1] - free, error)))[free:]
+    best = np.linalg.lstsq(np.vstack([scaled, prior]), np.append(off, np.zeros(len(prior))),
+                           rcond=None)[0]
+    return float(np.sqrt(np.mean((off - scaled @ best) ** 2)))
+
+
+def _error(case):
+    """[m] per axis of where a channel settles: as its row has it."""
+    return min(sd for row, sd in zip(case.rows, case.sd, strict=True) if row.kind == SETTLED)

@@ -2,7 +2,7 @@
 
 Nothing is tuned and nothing is told but the scene: a dome pushed by four discs, recorded by
 another code in which nothing is hidden, and a silicone beam that was held and let go, with and
-without a weight at its end, each of them twice.
+without a weight at its end, each of them twice: one load alone, then both told together.
 """
 
 import tempfile
@@ -31,16 +31,16 @@ BEAM_SCENES = {'gravity': 'silicone_beam.yaml', 'load52': 'silicone_beam_load52.
 
 @dataclass(frozen=True)
 class Pair:
-    """A recording to fit and one to test on: bags of one scene."""
+    """Recordings to fit and as many to test on: bags, one of each scene."""
 
-    scene: str
-    fitted: Path
-    held_out: Path
+    scenes: tuple
+    fitted: tuple
+    held_out: tuple
 
     @property
     def name(self):
         """Of the pair, for files."""
-        return f'{self.fitted.name}_{self.held_out.name}'
+        return '_'.join(bag.name for bag in (*self.fitted, *self.held_out))
 
 
 def reproduce(out_dir):
@@ -65,27 +65,31 @@ def domes(source, scratch):
     """Import the dome's recordings; yields Pair."""
     scene, bags = dome_rig.imported(source, scratch)
     for fitted, held_out in DOME_PAIRS:
-        yield Pair(str(scene), bags[fitted], bags[held_out])
+        yield Pair((str(scene),), (bags[fitted],), (bags[held_out],))
 
 
 def beams(source, scratch):
-    """Import the beam's recordings, two of each load; yields Pair."""
+    """Import the beam's recordings, two of each load; yields Pair, of each load and of both."""
+    pairs = []
     options = config.load(C3dImport, config_dir() / 'imports' / 'silicone_beam.yaml')
     for load, file in BEAM_SCENES.items():
         scene = config_dir() / 'scenes' / file
         bags = import_c3d(sorted(source.glob(f'*{load}*.c3d')), scratch, options,
                           load_scene(scene))['bags']
-        yield Pair(str(scene), *(Path(bag['bag']) for bag in bags))
+        pairs.append(Pair((str(scene),), *((Path(bag['bag']),) for bag in bags)))
+    yield from pairs
+    yield Pair(*(sum((getattr(pair, part) for pair in pairs), ())
+                 for part in ('scenes', 'fitted', 'held_out')))
 
 
 def rows_of(pair, out_dir):
     """Diagnose a Pair and write its page; returns a row per stream, errors rms per axis."""
-    scene = load_scene(pair.scene)
-    zero = zero_of((pair.fitted, pair.held_out))
-    fitted, held_out = (load_evidence((bag,), scene, zero)
-                        for bag in (pair.fitted, pair.held_out))
+    scenes = [load_scene(scene) for scene in pair.scenes]
+    zero = zero_of((*pair.fitted, *pair.held_out))
+    fitted, held_out = (load_evidence(bags, scenes, zero)
+                        for bags in (pair.fitted, pair.held_out))
     source = Provenance(pair.name, SEED, commit_of(share_dir()), str(machine_description()),
-                        Path(pair.scene).name, ())
+                        ', '.join(Path(scene).name for scene in pair.scenes), ())
     answer = diagnose(fitted, source, held_out=held_out)
     write_diagnosis(answer.diagnosis, answer.shown, out_dir / f'{pair.name}.html')
     return [_row(pair, answer.diagnosis, fit) for fit in answer.diagnosis.fit]
@@ -95,7 +99,8 @@ def _row(pair, found, fit):
     unit, scale = edge_unit(fit.stream)
     errors = {'as_given': fit.as_given, 'recalibrated': fit.recalibrated,
               'with_the_causes': fit.named, 'noise_floor': fit.noise_floor}
-    return {'fitted': pair.fitted.name, 'held_out': pair.held_out.name, 'verdict': found.verdict,
+    return {'fitted': ' + '.join(bag.name for bag in pair.fitted),
+            'held_out': fit.held_out or pair.held_out[0].name, 'verdict': found.verdict,
             'said': ' or '.join(spoken(c.term) for c in found.causes),
             'stream': fit.stream, 'unit': unit,
             **{key: None if value is None else value / scale for key, value in errors.items()}}
