@@ -268,7 +268,7 @@ def _held_out(study, problem, plain, named, fitted, tested, given, specimens):
             specimen = specimens[look.scene.name]
             if fit is None:
                 return left(given[look.scene.name], ())
-            return left(study.as_hung(specimen, problem, fit), fit.terms)
+            return left(*study.as_hung(specimen, problem, fit))
 
         def left(specimen, terms, case=case):
             model = study.model(specimen, terms)

@@ -56,3 +56,11 @@ def acting(terms, name, scenes):
         if not at or name in at:
             out.append(term)
     return tuple(out)
+
+
+def along(terms, scene, moved):
+    """`terms`, a weight more at a load of `scene` where that load is in `moved`."""
+    to = {tuple(old.position): new.position
+          for old, new in zip(scene.loads, moved.loads, strict=True)}
+    return tuple(replace(term, centre=to.get(tuple(term.centre), term.centre))
+                 if isinstance(term, PointMass) else term for term in terms)

@@ -13,7 +13,7 @@ from arm_brachy.diagnosis.decide import Explanation, Problem
 from arm_brachy.diagnosis.free_hold import hold_shapes
 from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
 from arm_brachy.diagnosis.free_nuisances import STEP, columns_of, places_of
-from arm_brachy.diagnosis.free_scenes import acting, hung
+from arm_brachy.diagnosis.free_scenes import acting, along, hung
 from arm_brachy.diagnosis.free_table import BASE, CREEP, HELD, SETTLED, predicted
 from arm_brachy.diagnosis.inference import log_density, posterior
 from arm_brachy.tissue.assembly import InvertedElement
@@ -215,16 +215,21 @@ class FreeStudy:
         return tuple(out)
 
     def as_hung(self, specimen, problem, fit):
-        """A Specimen with its loads where a free_fit.FreeFit to the problem has them.
+        """(Specimen, terms) of a free_fit.FreeFit to the problem, loads where it has them hang.
 
         No farther than is likely: what a response says of more leads beside the body.
         """
+        name, terms = specimen.scene.name, fit.terms
         U = problem.U[:, :-1]
         share = posterior(U, fit.residual).mean[U.shape[1] - len(self._aside):]
-        share = np.clip(share, -LIKELY, LIKELY)
-        shift = sum((z * way for z, (name, way, _) in zip(share, self._aside, strict=True)
-                     if name == specimen.scene.name), np.zeros((len(specimen.scene.loads), 3)))
-        return free_specimen(hung(specimen.scene, shift)) if np.any(shift) else specimen
+        shift = sum((z * way for z, (scene, way, _) in zip(
+            np.clip(share, -LIKELY, LIKELY), self._aside, strict=True) if scene == name),
+            np.zeros((len(specimen.scene.loads), 3)))
+        if not np.any(shift):
+            return specimen, terms
+        moved = hung(specimen.scene, shift)
+        return free_specimen(moved), along(acting(terms, name, self._scenes), specimen.scene,
+                                           moved)
 
     def _hung(self, name, scene):
         """(n,) as `vector`, the loads of one scene where a Scene has them."""

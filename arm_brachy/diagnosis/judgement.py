@@ -73,7 +73,7 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
         notes = (*notes, said_of_limit(finer))
     if fault is not None or finer is not None:
         assembly, fits, one = judge(matched)
-    spans = None if fault is not None or _settled(one) else _spans(assembly, one)
+    spans = None if fault is not None else _spans(assembly, one)
     if spans is not None:
         tried = tried.more(try_all(matched, spans, terms=(ExternalForce,)))
         assembly, fits, one = judge(matched)
@@ -88,12 +88,6 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
     if factors:
         tests, notes = _louder(tests, factors), (*notes, *said(factors))
     return Judgement(assembly, fits, decision, tuple(tests), fault, notes, finer is not None)
-
-
-def _settled(judge):
-    """True if nothing is missing, or if one cause stands out that leaves nothing."""
-    found = judge.outstanding()
-    return found is not None and found[1].chance >= judge.rules.alarm
 
 
 def _spans(assembly, judge):

@@ -20,6 +20,7 @@ from arm_brachy.tissue.assembly import InvertedElement
 from arm_brachy.tissue.terms.external_force import ExternalForce
 
 SHORTEST = 2        # states that a span has at least: one alone is an outlier
+EVERY = 2           # of the places: beside one that is left out there is another
 # nats by which it has to be likelier than the best of all other causes: a free span and place
 # bend to much of what others do
 AHEAD = 10.0
@@ -76,7 +77,7 @@ def _columns(m):
     """(N, s, 3) flat: whitened, what a force at one place does in each of s states alone; each."""
     t = m.recorded.states.t
     ever = Occasions(windows=((0.0, float(t[-1]) + 1.0),))
-    for one in candidates(ExternalForce, m.baseline.model.specimen, ever):
+    for one in candidates(ExternalForce, m.baseline.model.specimen, ever)[::EVERY]:
         try:
             values = respond(m.baseline, one).per_prior()
         except (InputError, InvertedElement, NotConverged):

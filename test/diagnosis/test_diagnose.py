@@ -390,6 +390,27 @@ def test_a_slip_in_one_of_two_recordings_is_named_and_is_none_in_the_other(recor
     assert optical.named < 1.2 * optical.noise_floor
 
 
+LEAN = {'name': 'external_force', 'force_N': [0.01, 0.0, -0.05], 'centre_mm': [-20.0, 13.0, 50.0],
+        'radius_mm': 8.0, 'duration_s': 1000.0}
+
+
+def test_somebody_who_leans_on_it_in_the_middle_of_pushes_is_named(record):
+    """Set in and gone over 0.8 s, which is no step of any channel; 0.05 N beside forces with 0.02 of noise."""
+    plain, leant = record(), record((LEAN,))
+    t = plain.streams[OPTICAL].t
+    share = np.interp(t, [6.4, 7.2, 10.5, 11.3], [0.0, 1.0, 1.0, 0.0])[:, None, None]
+    streams = {kind: replace(one, values=one.values + share * (
+        leant.streams[kind].values - one.values)) for kind, one in plain.streams.items()}
+    d = diagnose((replace(plain, streams=streams),), source(), meshes=MESHES).diagnosis
+    assert not any(finding.onset for finding in d.findings)
+    assert d.verdict == 'named' and [cause.term for cause in d.causes] == ['external_force']
+    found = d.causes[0].parameters
+    assert found['force'].value == pytest.approx(LEAN['force_N'], abs=0.02)
+    assert np.linalg.norm(1e3 * np.array(found['centre'].value) - LEAN['centre_mm']) < 10.0
+    assert 5.5 < found['onset'].value < 7.2
+    assert 10.5 < found['onset'].value + found['duration'].value < 12.2
+
+
 def test_recordings_of_unlike_length_are_answered_together(record):
     """Forces 80 ms late in both."""
     pair = [late(record(seed=seed, name=name, legs=legs), FORCE, 0.08)

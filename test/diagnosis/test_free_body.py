@@ -166,11 +166,16 @@ def test_damping_that_is_wrong_is_found(recorded):
 
 
 def test_a_base_that_gives_is_in_the_answer(recorded):
-    """A glue line of half a millimetre: the section turns by 10 % more than the block bends."""
+    """A glue line of half a millimetre: the section turns by 10 % more than the block bends.
+
+    How it was held, as far as markers leave that in doubt, and a modulus make up for nearly all of
+    it in the motion; where markers were and went, and the shape that rings, tell it.
+    """
     parts = free_diagnosis_parts((recorded((BaseCompliance(normal=4e7, tangential=2e7),)),))
     assert parts.verdict in ('named', 'equivalent')
     assert 'base_compliance' in {c.term for c in parts.causes}
-    assert parts.fit[0].named < 0.6 * parts.fit[0].recalibrated
+    fit, = parts.fit
+    assert fit.named < fit.recalibrated and fit.named < 1.1 * fit.noise_floor
 
 
 def test_a_gradient_of_stiffness_is_in_the_answer(recorded):
@@ -211,7 +216,8 @@ def test_a_weight_that_the_scene_has_not_is_found(recorded, stiffness):
     assert np.all(np.isinf(centre.low)) and np.all(np.isinf(centre.high))   # tried, not fitted
     mass = found.parameters['mass']
     assert mass.value == pytest.approx(0.02, rel=0.1) and 0.0 < mass.low < 0.02 < mass.high
-    assert parts.fit[0].named < 0.3 * parts.fit[0].recalibrated
+    fit, = parts.fit
+    assert fit.named < 0.5 * fit.recalibrated and fit.named < 1.1 * fit.noise_floor
 
 
 def test_a_weight_that_only_the_scene_has_is_taken_away(recorded, scene):

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.scene import Marker, MeshFile, PointLoad, Region, Scene
-from arm_brachy.diagnosis.free_scenes import acting, loads_of, refuse_other_bodies
+from arm_brachy.diagnosis.free_scenes import acting, along, hung, loads_of, refuse_other_bodies
 from arm_brachy.tissue.terms.damping import Damping
 from arm_brachy.tissue.terms.point_mass import PointMass
 
@@ -36,6 +37,14 @@ def test_more_at_a_load_hangs_where_the_load_does():
     scenes = [BARE, HUNG]
     assert acting((more, damping), 'hung', scenes) == (more, damping)
     assert acting((more, damping), 'bare', scenes) == (damping,)
+
+
+def test_a_load_that_hangs_aside_takes_what_hangs_with_it_along():
+    moved = hung(HUNG, np.array([[1e-3, 0.0, -2e-3]]))
+    assert moved.loads[0].position == pytest.approx((0.101, 0.0, -0.002))
+    more, other = PointMass(mass=0.01, centre=TIP), PointMass(mass=0.01, centre=(0.05, 0.0, 0.0))
+    there, same = along((more, other), HUNG, moved)
+    assert there.centre == moved.loads[0].position and there.mass == 0.01 and same == other
 
 
 def test_a_weight_where_no_scene_has_one_hangs_in_all():
