@@ -207,7 +207,8 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
         study, problem, plain, full.fit(one), fitted, tested, given, specimens))
     fits = _fits(decision, full)
     causes, where = _causes(problem, decision, answers, fits)
-    gain, named = problem.r ** 2, fits[0] if fits else None
+    named = fits[0] if fits else None
+    gain = (problem.r - problem.U @ posterior(problem.U, problem.r).mean) ** 2
     if decision.accepted is not None:
         gain = said.explained(problem, np.hstack(
             [e.columns for e in decision.accepted.explanations]))
