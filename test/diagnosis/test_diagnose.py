@@ -395,8 +395,7 @@ LEAN = {'name': 'external_force', 'force_N': [0.01, 0.0, -0.05], 'centre_mm': [-
 
 
 def test_somebody_who_leans_on_it_in_the_middle_of_pushes_is_named(record):
-    """Set in and gone over 0.8 s, which is no step of any channel: 0.05 N, forces with 0.02 of noise.
-    """
+    """Set in and gone over 0.8 s, no step of any channel: 0.05 N, forces with 0.02 of noise."""
     plain, leant = record(), record((LEAN,))
     t = plain.streams[OPTICAL].t
     share = np.interp(t, [6.4, 7.2, 10.5, 11.3], [0.0, 1.0, 1.0, 0.0])[:, None, None]
