@@ -85,20 +85,20 @@ def is_free(scene):
     return not scene.pads and scene.dynamics == 'implicit'
 
 
-def free_diagnosis_parts(evidences, scene=None, held_out=(), progress=None, rng=None, *,
+def free_diagnosis_parts(evidences, held_out=(), progress=None, rng=None, *,
                          drifts_restart=True):
     """Return the FreeParts of recordings of one body that was let go.
 
     evidences : evidence.Evidence to fit, held_out : to test on, not looked at before; each
         carries its scene, so that loads may differ
-    scene : core.scene.Scene that they must be of, or None;  progress : called with a share
+    progress : called with a share
     rng : numpy.random.Generator for the structured tests
     drifts_restart : False where the recordings are of one day of one body, so that no drift can
         begin anew with each: it is then no explanation of more than one. Data do not show this
     Raises InputError, RecordingError, NotConverged.
     """
     for one in (*evidences, *held_out):
-        if not is_free(scene or one.scene):
+        if not is_free(one.scene):
             raise InputError(f'{one.name}: its scene has pads or is quasi-static; must be a free '
                              'body with dynamics: implicit')
     rng = np.random.default_rng(0) if rng is None else rng
@@ -109,8 +109,9 @@ def free_diagnosis_parts(evidences, scene=None, held_out=(), progress=None, rng=
     scenes = with_damping(fitted, {look.scene.name: look.scene for look in looks})
     given = {name: free_specimen(scene) for name, scene in scenes.items()}
     study, specimens = _at_its_modulus(fitted, given, priors)
-    frees, dropped = _considered(specimens[fitted[0].scene.name], loads_of(scenes.values()),
-                                 drifts_restart or len(looks) < 2)
+    loads = loads_of([look.scene for look in fitted])
+    frees, dropped = _considered(specimens[fitted[0].scene.name], loads,
+                                 drifts_restart or len(looks) < 2, _turned(fitted))
     answers = study.answers(frees, progress)
     problem, absurd = _possible(study, answers)
     if scan(problem.U, problem.r, problem.tests, rng).chance < Rules().alarm:
@@ -167,9 +168,18 @@ def _study(looks, specimens, priors, given=0.0):
                      undamped={look.scene.name for look in looks if unknown(look.scene)})
 
 
-def _considered(specimen, loads, drifts):
-    """(frees, Alternatives dropped): without those that drift unless `drifts`."""
-    frees = free_hypotheses(specimen, loads)
+def _turned(looks):
+    """True if the body hung another way in some of them: their frames are not one world's."""
+    return len({tuple(look.scene.gravity) for look in looks}) > 1
+
+
+def _considered(specimen, loads, drifts, turned):
+    """(frees, Alternatives dropped): without those that drift unless `drifts`.
+
+    turned : True where the body hung in several ways: no tilt is the same in all
+    """
+    frees = tuple(f for f in free_hypotheses(specimen, loads)
+                  if not (turned and f.hypothesis.name == 'gravity'))
     if drifts:
         return frees, ()
     return (tuple(f for f in frees if f.hypothesis.name not in DRIFTS),
@@ -273,7 +283,7 @@ def _held_out(study, problem, plain, named, fitted, tested, given, specimens):
 
         def left(specimen, terms, case=case):
             model = study.model(specimen, terms)
-            return trace.left(case, trace.of_model(model, case.release, case.index))
+            return trace.left(case, trace.of_model(model, case))
 
         repeats = [one for one in fitted if one.scene.name == look.scene.name
                    and one.release.names == look.release.names]
@@ -301,9 +311,11 @@ def _next(decision):
 def _notes(fitted, ratio, study):
     """ratio : modulus that fits over the scene's"""
     gravity = np.linalg.norm(fitted[0].scene.gravity)
-    out = [KNOWN, *([DIRECTION] if EARTH[0] <= gravity <= EARTH[1] else ())]
+    out = [KNOWN, *([DIRECTION] if EARTH[0] <= gravity <= EARTH[1] and not _turned(fitted)
+                    else ())]
     out += [damping_said(one.scene) for name, one in study.specimens.items()
-            if name in {look.scene.name for look in fitted if unknown(look.scene)}]
+            if name in {look.scene.name for look in fitted if unknown(look.scene)}
+            and not unknown(one.scene)]
     if abs(np.log(ratio)) > study.priors.modulus:
         out.append(OTHER_BODY.format(ratio))
     if any(look.scene.loads for look in fitted):

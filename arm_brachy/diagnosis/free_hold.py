@@ -17,6 +17,7 @@ from arm_brachy.tissue.modes import modes_of
 from arm_brachy.tissue.newton import StaticSolver
 
 SHAPES = 8      # two bends each way, a twist, and as many again that are hardly ever needed
+SEEN = 0.1          # of the largest motion of a node, that a point has to show
 FARTHEST = 100.0    # times its usual error: a marker there is no marker of the scene
 
 
@@ -31,6 +32,7 @@ class Hold:
 def hold_shapes(specimen, size):
     """Return the Holds of a specimen.Specimen, slowest first.
 
+    Shapes that the points hardly show, as a twist those on its axis, are left out.
     size : standard deviation of the first over the length of the body, from what holds it to the
         point farthest away that is seen. The j-th has that of the first by their frequencies.
     Raises NotConverged where the stress-free shape is not stable.
@@ -48,7 +50,7 @@ def hold_shapes(specimen, size):
         full = full.reshape(-1, 3)
         points = matrix @ full
         largest = np.linalg.norm(points, axis=1).max()
-        if largest > 0.0:
+        if largest > SEEN * np.linalg.norm(full, axis=1).max():
             sd = size * length * np.sqrt(modes.square[0] / square) / largest
             out.append(Hold(sd * full, sd * points))
     return tuple(out)

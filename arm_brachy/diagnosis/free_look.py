@@ -38,7 +38,7 @@ class Look:
 def _refuse_other_markers(prepared):
     """Raise RecordingError if its markers at rest, on base and tissue, are not the scene's.
 
-    A body that is held before it is let go has the shape of its scene then.
+    A body that is held before it is let go has nearly the shape of its scene then.
     """
     found, optical = prepared.registration, prepared.evidence.get(OPTICAL)
     if found is None or optical is None:

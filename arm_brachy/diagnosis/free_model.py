@@ -1,6 +1,6 @@
 """A body that is let go, by its model: equilibria and small vibrations about them, no time steps.
 
-It is released from its stress-free shape and rings about x, where it rests after a moment, as
+It is released near its stress-free shape and rings about x, where it rests after a moment, as
 
     M u'' + C u' + (K + K_v) u = 0,  K = dg/dx at x,  C = alpha M + beta K,
 
@@ -80,7 +80,7 @@ def free_specimen(scene, mesh=None):
 
 
 class FreeModel:
-    """A specimen.Specimen without pads, with body terms, let go from its stress-free shape.
+    """A specimen.Specimen without pads, with body terms, let go near its stress-free shape.
 
     terms : body terms, any order;  near : (n, 3) [m] nodes from which to look for equilibrium
     body : SoftBody as the terms prepared it. Raises what a term raises that does not fit.

@@ -3,6 +3,7 @@
 Test: diagnosis/test_free_scenes.py
 """
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -17,10 +18,12 @@ OWN = ('name', 'gravity', 'loads', 'description', 'source')     # may differ
 def refuse_other_bodies(scenes):
     """Raise InputError unless all core.scene.Scene are of one body, under different names."""
     first, *others = dict.fromkeys(scenes)
+    twice = [name for name, count in Counter(s.name for s in (first, *others)).items()
+             if count > 1]
+    if twice:
+        raise InputError(f'scenes of the name {twice[0]} that differ; must have a name each: give '
+                         'the one with other loads another')
     for other in others:
-        if other.name == first.name:
-            raise InputError(f'two scenes of the name {first.name} that differ; must have a name '
-                             'each: give the one with other loads another')
         same = replace(other, **{key: getattr(first, key) for key in OWN})
         odd = [key for key in Scene.__dataclass_fields__
                if getattr(same, key) != getattr(first, key)]

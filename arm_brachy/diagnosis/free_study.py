@@ -199,7 +199,7 @@ class FreeStudy:
             case.hand.bent.nodes + STEP * hold.nodes for hold in holds]), strict=True))
 
     def _hangs(self):
-        """((scene, (loads, 3) [m] by which one hangs aside, (n,) what that does), each.
+        """(scene, (loads, 3) [m] by which one hangs aside, (n,) what that does), each.
 
         Along every axis, to the side where it does more.
         """

@@ -43,16 +43,14 @@ class Description:
         return np.column_stack(at).reshape(len(t), *self.moved.shape[1:])
 
 
-def of_model(model, release, index):
-    """Description by a free_model.FreeModel of a free_release.Release.
-
-    index : (k,) its channels among the points of the model
-    """
+def of_model(model, case):
+    """Description by a free_model.FreeModel of a free_table.Case; it rings as it was let go."""
+    release = case.release
     start = BEGIN if release.ring is None else release.ring.span[0]
     t = np.geomspace(start, release.since[-1], INSTANTS)
-    swing = model.swing(t)
-    return Description(t, swing.moved[:, index], swing.frequency, swing.damping,
-                       swing.shape[index])
+    swing, = model.swings(t, (case.hand.bent.nodes,))
+    return Description(t, swing.moved[:, case.index], swing.frequency, swing.damping,
+                       swing.shape[case.index])
 
 
 def of_repeat(case):

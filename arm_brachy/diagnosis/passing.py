@@ -11,7 +11,7 @@ Test: diagnosis/test_passing.py
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from arm_brachy.core.errors import InputError, NotConverged
 from arm_brachy.diagnosis.candidates import Occasions, candidates
@@ -49,9 +49,8 @@ def passing(assembly, best):
     """
     suspects = assembly.matched[:len(assembly.matched) - assembly.sound]
     U, r = assembly.problem.U, assembly.problem.r
-    inside = cho_factor(np.eye(U.shape[1]) + U.T @ U)
     lower = cholesky(np.eye(U.shape[1]) + U.T @ U, lower=True)
-    left = r - U @ cho_solve(inside, U.T @ r)
+    left = r - U @ cho_solve((lower, True), U.T @ r)
     found, first, tried = [], 0, 0
     for number, m in enumerate(suspects):
         rows = slice(first, first + len(m.r))
@@ -76,6 +75,8 @@ def passing(assembly, best):
 def _columns(m):
     """(N, s, 3) flat: whitened, what a force at one place does in each of s states alone; each."""
     t = m.recorded.states.t
+    if len(t) < SHORTEST:
+        return
     ever = Occasions(windows=((0.0, float(t[-1]) + 1.0),))
     for one in candidates(ExternalForce, m.baseline.model.specimen, ever)[::EVERY]:
         try:

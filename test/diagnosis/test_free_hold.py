@@ -63,6 +63,15 @@ def test_what_a_finger_does_is_among_them(scene, shapes, place):
         assert np.linalg.norm(left) < 0.02 * np.linalg.norm(held)
 
 
+def test_a_twist_that_points_on_the_axis_hardly_show_is_none_of_them(scene):
+    """It would be a whole turn where these move by a millimetre."""
+    axis = tuple(Marker(f'axis_{x}', (0.02 * x, 0.01, 0.01)) for x in (1, 2, 3, 4))
+    found = hold_shapes(free_specimen(replace(scene, markers=axis)), 0.05)
+    assert len(found) >= 4
+    for one in found:
+        assert np.abs(one.nodes).max() < 10.0 * np.linalg.norm(one.points, axis=1).max()
+
+
 def low(scene):
     """(12, 3) [m] of markers on the tissue: held by its end, 3 mm too low."""
     way = bent(scene, (0.08, 0.01, 0.0), (0.0, 0.0, -1.0))

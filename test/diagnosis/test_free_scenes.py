@@ -23,8 +23,14 @@ def test_one_body_hangs_and_is_loaded_in_any_way():
     assert loads_of([BARE, HUNG, replace(HUNG, name='again')]) == HUNG.loads
 
 
+def test_a_name_of_two_loads_is_refused_wherever_it_comes():
+    heavier = replace(HUNG, loads=(PointLoad('weight', TIP, 0.05),))
+    with pytest.raises(InputError, match='scenes of the name hung that differ'):
+        refuse_other_bodies([BARE, HUNG, heavier])
+
+
 @pytest.mark.parametrize('other, said', [
-    (replace(HUNG, name='bare'), 'two scenes of the name bare'),
+    (replace(HUNG, name='bare'), 'scenes of the name bare'),
     (replace(HUNG, markers=()), 'differ in markers'),
     (replace(HUNG, mesh=MeshFile('finer.msh')), 'differ in mesh')])
 def test_other_bodies_are_refused(other, said):

@@ -65,6 +65,11 @@ def test_nothing_passes_in_noise_nor_where_another_cause_does_nearly_as_well(mad
     assert passing(made(2.0), best=strong.evidence - 11.0) is not None
 
 
+def test_a_single_state_has_no_span():
+    m = SimpleNamespace(recorded=SimpleNamespace(states=SimpleNamespace(t=np.zeros(1))))
+    assert list(module._columns(m)) == []
+
+
 def test_recordings_in_which_nothing_is_wrong_are_not_searched(made):
     assembly = made(2.0)
     assembly.sound = 1
