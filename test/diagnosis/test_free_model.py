@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.errors import ConfigError
-from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, Region, Scene
+from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, PointLoad, Region, Scene
 from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
 from arm_brachy.evaluation.ringing import ringing
 from arm_brachy.tissue.box import box_mesh
@@ -71,6 +71,20 @@ def test_a_branch_faster_than_the_swing_damps_and_a_slower_one_stiffens(tmp_path
     # 1 / (1 - g) of the modulus that relaxes, but for the little that the volume has of it
     assert (slow.frequency / plain.frequency) ** 2 == pytest.approx(1.0 / 0.9, rel=0.02)
     assert fast.frequency < 1.01 * plain.frequency
+
+
+def test_damping_by_mass_of_a_weight_at_the_tip(tmp_path):
+    """Of a tip mass m on a cantilever of mass M all but 33/140 M / (33/140 M + m) is the weight's
+    (Rayleigh's quotient of the static shape).
+    """
+    scene = block(tmp_path)
+    scene = Scene(**{**scene.__dict__, 'rayleigh_beta': 0.0,
+                     'loads': (PointLoad('weight', (0.06, 0.01, 0.01), 0.01),)})
+    said = FreeModel(free_specimen(scene)).swing(np.array([1.0]))
+    own = 33.0 / 140.0 * 1000.0 * float(np.prod(SIZE))
+    assert said.carried / said.damping == pytest.approx(0.01 / (0.01 + own), rel=0.03)
+    bare = FreeModel(free_specimen(block(tmp_path))).swing(np.array([1.0]))
+    assert bare.carried == 0.0
 
 
 def test_scenes_with_pads_are_refused(tmp_path):

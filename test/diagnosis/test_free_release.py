@@ -13,7 +13,7 @@ from arm_brachy.diagnosis.free_hold import Held, Hold
 from arm_brachy.diagnosis.free_look import Look
 from arm_brachy.diagnosis.free_model import Swing
 from arm_brachy.diagnosis.free_release import release_of
-from arm_brachy.diagnosis.free_table import CREEP, DAMPING, FREQUENCY, case_of, predicted
+from arm_brachy.diagnosis.free_table import BESIDE, CREEP, DAMPING, FREQUENCY, case_of, predicted
 from arm_brachy.diagnosis.free_trace import Description, left, of_repeat
 from arm_brachy.diagnosis.prepared import prepare
 from arm_brachy.diagnosis.stream import OPTICAL
@@ -41,14 +41,17 @@ def motion(t, swing=1.0):
 
 
 def prepared(seed=0, swing=1.0, odd=0.0, returns=False, begin=0.0, end=LASTS, hidden=(),
-             order=None, hand=0.0):
+             order=None, hand=0.0, bounce=0.0):
     """hidden : (marker on the tissue, from, to [s]) each;  order : of markers under the names
-    hand : [m] by which what holds it goes to and fro
+    hand : [m] by which what holds it goes to and fro;  bounce : of the sag, at 1.7 times the pitch
     """
     t = np.arange(round(begin / STEP), round(end / STEP)) * STEP
     points = np.tile([*PLACES.values(), *BASE.values()], (len(t), 1, 1))
     went = motion(t, swing)
     points[:, :2] += went * (t < AT + 1.0)[:, None, None] if returns else went
+    since = np.maximum(t - AT, 0.0)
+    other = np.exp(-since / 2.0) * np.sin(2.0 * np.pi * 1.7 * FREQUENCY_HZ * since)
+    points[:, :2] += bounce * other[:, None, None] * SAG
     points[:, :2, 2] += hand * np.where(t < AT, np.sin(8.0 * np.pi * t), 0.0)[:, None]
     points[t > AT, 4, 0] += odd
     points += np.random.default_rng(seed).normal(0.0, NOISE, points.shape)
@@ -171,6 +174,16 @@ def test_rows_of_a_perfect_model_are_zero_within_their_errors(release):
         z = (case.values - predicted(case, other)) / case.sd
         assert max(abs(v) for v, r in zip(z, case.rows, strict=True)
                    if r.kind.startswith(kind)) > 4.0
+
+
+def test_what_rings_beside_the_mode_is_none_of_a_body_that_rings_as_one(release):
+    """A weight on a rubber band bounces at another pitch: a sixth of what rings shows, none of it
+    does in a release that is one mode.
+    """
+    case, bounces = straight(release), straight(release_of(prepared(bounce=0.2)))
+    of_both = [next(v / s for v, s, r in zip(one.values, one.sd, one.rows, strict=True)
+                    if r.kind == BESIDE) for one in (case, bounces)]
+    assert of_both[0] < 1.0 and of_both[1] > 4.0
 
 
 def test_how_hard_and_when_the_hand_lets_go_is_no_error(release):
