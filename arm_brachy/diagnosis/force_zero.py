@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 
-from arm_brachy.diagnosis.finding import Finding, sigma, threshold
+from arm_brachy.diagnosis.finding import ALARM, Finding, sigma, threshold
 from arm_brachy.diagnosis.history import MEMORIES, memories
 from arm_brachy.diagnosis.stream import ENCODER, FORCE
 
@@ -12,6 +12,7 @@ SETTLED = 0.2    # s after a motion before a sample counts as unloaded
 FEWEST = 4       # rests: two make a line, the others tell how well it fits
 SHORTEST = 10    # samples of a rest
 TESTS = 2        # zero and drift
+ENDS = 30        # rests at which somebody may have begun to lean on the body, or stopped
 
 
 def force_findings(prepared, jumps=()):
@@ -22,7 +23,9 @@ def force_findings(prepared, jumps=()):
     the tissue under this pad remembers of its pushes, so that recovery is no drift, or by what its
     first push has left for good (a guide that rubs, a bond that has bedded in), or both. The
     scatter of the rests about the fit, pooled over the pads, counts as noise: sensors wander from
-    rest to rest by more than they do within one.
+    rest to rest by more than they do within one. Where all sensors together ask for it, a force
+    that acted in some successive rests alone is fitted beside: somebody who leaned on the body
+    is no drift, however well a line and a memory bend to it.
     Test: diagnosis/structural/test_force.py
     """
     force = prepared.evidence.get(FORCE)
@@ -33,7 +36,8 @@ def force_findings(prepared, jumps=()):
     if len(rests) < FEWEST:
         return ()
     t = np.array([force.t[rows].mean() for rows in rests])
-    fits = [_fit(prepared, force, k, rests, t, jumps) for k in range(len(force.names))]
+    fits = _unless_leant([_fits(prepared, force, k, rests, t, jumps)
+                          for k in range(len(force.names))])
     stiffness = _stiffness(prepared, force, rests)
     scatter = np.hypot(_scatter(fits), stiffness * _known(prepared, force, rests))
     slack = np.hypot(prepared.calibration.force_zero, prepared.calibration.touch * stiffness)
@@ -88,31 +92,60 @@ def _rests(prepared, force):
     return [rows for rows in found if len(rows) >= SHORTEST]
 
 
-def _fit(prepared, force, k, rests, t, jumps):
-    """(coefficients (m, c), covariance per unit scatter (m, m), misfit (r, c), degrees of freedom)
-    of one pad, zero and drift first; None with too few rests.
+def _unless_leant(fits):
+    """The fit of each pad of fits [pad][lean], of no lean first: of the likeliest for all of them.
+
+    Any lean pays for the search, and for the chance that nobody leaned on the body.
     """
+    known = [its for its in fits if its[0] is not None]
+    total = sum(np.array([np.inf if fit is None else fit[-1] for fit in its]) for its in known)
+    if not known:
+        return [None] * len(fits)
+    total[0] -= 2.0 * np.log(len(total) / ALARM)
+    return [its[int(np.argmin(total))] for its in fits]
+
+
+def _fits(prepared, force, k, rests, t, jumps):
+    """Of one pad for each of `_leans`: (coefficients (m, c), covariance per unit scatter (m, m),
+    misfit (r, c), degrees of freedom, -2 log likelihood and what numbers cost), zero and drift
+    first; None with too few rests.
+    """
+    leans = _leans(len(rests))
     seen = [i for i, rows in enumerate(rests) if force.valid[rows, k].sum() >= SHORTEST]
     if len(seen) < FEWEST:
-        return None
+        return [None] * len(leans)
     y = np.array([np.nanmean(force.values[rests[i], k], axis=0) for i in seen])
     fixed = [np.ones(len(seen)), t[seen] - force.t[0]]
     fixed += [(t[seen] >= time).astype(float) for time in jumps]
-    best = None
-    for recovery, begun in product(
-            [(), *((one,) for one in _recovery(prepared, force, k, rests, seen))],
-            [(), _begun(prepared, force, k, t[seen])]):
-        X = np.stack([*fixed, *recovery, *begun], axis=1)
-        if np.linalg.matrix_rank(X) < X.shape[1] or len(seen) <= X.shape[1] + 1:
-            continue
-        covariance = np.linalg.inv(X.T @ X)
-        beta = covariance @ (X.T @ y)
-        left, dof = y - X @ beta, len(seen) - X.shape[1]
-        score = y.shape[1] * (len(seen) * np.log(max(np.sum(left ** 2), 1e-30))
-                              + X.shape[1] * np.log(len(seen)))
-        if best is None or score < best[0]:
-            best = score, beta, covariance, left, dof
-    return None if best is None else best[1:]
+    pasts = [(*recovery, *begun) for recovery, begun in product(
+        [(), *((one,) for one in _recovery(prepared, force, k, rests, seen))],
+        [(), _begun(prepared, force, k, t[seen])])]
+    return [min((fit for past in pasts if (fit := _fit([*fixed, *lean, *past], y)) is not None),
+                key=lambda fit: fit[-1], default=None)
+            for lean in ([np.isin(seen, one).astype(float)] if one else [] for one in leans)]
+
+
+def _fit(columns, y):
+    """One of `_fits` by columns, each (r,), of what was measured y (r, c); None if too many."""
+    X = np.stack(columns, axis=1)
+    r, dof = len(y), len(y) - X.shape[1]
+    if dof <= 1 or np.linalg.matrix_rank(X) < X.shape[1]:
+        return None
+    covariance = np.linalg.inv(X.T @ X)
+    beta = covariance @ (X.T @ y)
+    left = y - X @ beta
+    score = y.shape[1] * (r * np.log(max(np.sum(left ** 2), 1e-30)) + X.shape[1] * np.log(r))
+    return beta, covariance, left, dof, score
+
+
+def _leans(r):
+    """() and numbers of successive rests of r, neither the first nor the last among them.
+
+    What sets in before can be a zero that is off, and what stays until the end a drift that was
+    seen too rarely. Of many rests it begins and ends at some.
+    """
+    ends = np.unique(np.linspace(1, r - 2, min(r - 2, ENDS)).round().astype(int))
+    return [(), *(range(first, last + 1) for first in ends for last in ends[ends >= first])]
 
 
 def _recovery(prepared, force, k, rests, seen):
@@ -144,8 +177,8 @@ def _push(prepared, pad):
 def _scatter(fits):
     """(c,) standard deviation of rests about their fits, pooled over the pads."""
     known = [fit for fit in fits if fit is not None]
-    total = sum(np.sum(left ** 2, axis=0) for _, _, left, _ in known)
-    return np.sqrt(total / max(sum(dof for *_, dof in known), 1))
+    total = sum(np.sum(left ** 2, axis=0) for _, _, left, *_ in known)
+    return np.sqrt(total / max(sum(dof for *_, dof, _ in known), 1))
 
 
 def _findings(prepared, force, index, fits, scatter, slack):

@@ -8,7 +8,7 @@ import pytest
 from arm_brachy.cell import pad_directions
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.force_balance import balance_findings
-from arm_brachy.diagnosis.force_zero import force_findings
+from arm_brachy.diagnosis.force_zero import _rests, force_findings
 from arm_brachy.diagnosis.gaps import gap_findings
 from arm_brachy.diagnosis.prepared import prepare
 from arm_brachy.evaluation.timeseries import Series
@@ -121,3 +121,23 @@ def test_a_balance_that_agrees_finds_nothing(record):
     run, scene = record()
     assert balance_findings(prepare(evidence_of(with_balance(run), scene))) == ()
     assert balance_findings(prepare(evidence_of(run, scene))) == ()
+
+
+def test_somebody_who_leans_on_it_is_no_drift_whichever_rests_that_falls_in(record):
+    """A line and a memory of pushes bend to a force in one or two rests; a real drift stays."""
+    sound, scene = record()
+    drifting, _ = record({'name': 'force_drift', 'rate_N_min': [0.0, 0.5, 0.0],
+                          'pads': ['pad_1']})
+    prepared = prepare(evidence_of(sound, scene))
+    force = prepared.evidence.get('force')
+    rests = [force.t[rows] for rows in _rests(prepared, force)]
+    assert len(rests) > 6
+    for first in range(1, len(rests) - 2, 2):
+        within = (force.t >= rests[first][0]) & (force.t <= rests[first + first % 2][-1])
+        lean = np.multiply.outer(within, [[0.2, 0.0, 0.1]] * len(force.names))
+        runs = [replace(run, force=Series(run.force.t, run.force.values + lean))
+                for run in (sound, drifting)]
+        none, (drift,) = (force_findings(prepare(evidence_of(run, scene))) for run in runs)
+        assert none == ()
+        assert (drift.parameter, drift.channel) == ('rate', 'pad_1')
+        assert drift.value == pytest.approx([0.0, 0.5 / 60.0, 0.0], abs=0.1 * 0.5 / 60.0)
