@@ -28,7 +28,7 @@ from arm_brachy.diagnosis.free_full import FreeFullFits
 from arm_brachy.diagnosis.free_hypotheses import EARTH, free_hypotheses
 from arm_brachy.diagnosis.free_look import Look
 from arm_brachy.diagnosis.free_model import free_specimen
-from arm_brachy.diagnosis.free_scenes import loads_of, refuse_other_bodies
+from arm_brachy.diagnosis.free_scenes import refuse_other_bodies
 from arm_brachy.diagnosis.free_study import FreeStudy
 from arm_brachy.diagnosis.free_table import SETTLED, FreePriors
 from arm_brachy.diagnosis.free_weights import with_weights
@@ -109,8 +109,8 @@ def free_diagnosis_parts(evidences, held_out=(), progress=None, rng=None, *,
     scenes = with_damping(fitted, {look.scene.name: look.scene for look in looks})
     given = {name: free_specimen(scene) for name, scene in scenes.items()}
     study, specimens = _at_its_modulus(fitted, given, priors)
-    loads = loads_of([look.scene for look in fitted])
-    frees, dropped = _considered(specimens[fitted[0].scene.name], loads,
+    frees, dropped = _considered(specimens[fitted[0].scene.name],
+                                 [look.scene for look in fitted],
                                  drifts_restart or len(looks) < 2, _turned(fitted))
     answers = study.answers(frees, progress)
     problem, absurd = _possible(study, answers)
@@ -173,12 +173,12 @@ def _turned(looks):
     return len({tuple(look.scene.gravity) for look in looks}) > 1
 
 
-def _considered(specimen, loads, drifts, turned):
+def _considered(specimen, scenes, drifts, turned):
     """(frees, Alternatives dropped): without those that drift unless `drifts`.
 
     turned : True where the body hung in several ways: no tilt is the same in all
     """
-    frees = tuple(f for f in free_hypotheses(specimen, loads)
+    frees = tuple(f for f in free_hypotheses(specimen, scenes)
                   if not (turned and f.hypothesis.name == 'gravity'))
     if drifts:
         return frees, ()
@@ -223,7 +223,9 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
         gain = said.explained(problem, np.hstack(
             [e.columns for e in decision.accepted.explanations]))
     term = causes[0].term if len(causes) == 1 else ''
-    intervals = () if decision.verdict == 'nothing_missing' else said.when(study, gain, term)
+    only = {free.scene for free in named.frees} if named else {''}
+    intervals = () if decision.verdict == 'nothing_missing' else said.when(
+        study, gain, term, only if '' not in only else None)
     if decision.verdict != 'nothing_missing' and not where:
         where = (Place(stream=study.cases[0].release.kind, channel=said.loudest(study, gain)[0]),)
     E = specimens[fitted[0].scene.name].scene.material.E
@@ -237,7 +239,8 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
         decision.accepted.held_out if decision.accepted else None, decision.left.chance,
         min(apart) if apart else None, base_marker_findings(
             [look.release for look in fitted + tested], fitted[0].prepared.calibration.base),
-        _notes(fitted, best.stiffness(E).value / fitted[0].scene.material.E, study),
+        _notes(fitted, best.stiffness(E).value / fitted[0].scene.material.E, study,
+               fits),
         _table(study, plain, named))
 
 
@@ -248,22 +251,29 @@ def _fits(decision, full):
 
 
 def _causes(problem, decision, answers, fits):
-    """(causes, places) of what was accepted and of its equals, an option each if there are any."""
+    """(causes, places) of what was accepted and of its equals, an option each if there are any.
+
+    A cause that all options share holds in any case and is told once, as it was first fitted.
+    """
     if decision.verdict not in ('named', 'equivalent'):
         return (), ()
     options = [decision.accepted, *decision.equals]
     gain = np.array([c.evidence for c in options])
     share = np.exp(gain - gain.max())
     share /= share.sum()
-    causes, places = [], []
-    for number, (fit, p) in enumerate(zip(fits, share, strict=True), start=1):
+    causes, places, told = [], [], False
+    for number, (one, fit, p) in enumerate(zip(options, fits, share, strict=True), start=1):
         if fit is None:
             continue
-        for i, free in enumerate(fit.frees):
+        for i, (free, shared) in enumerate(zip(fit.frees, decision.shared(one), strict=True)):
+            if shared and told:
+                continue
             alike = said.weights(problem, answers, free.hypothesis.name)
-            cause = said.cause_of(fit, i, alike, float(p), number if decision.equals else 0)
+            cause = said.cause_of(fit, i, alike, 1.0 if shared else float(p),
+                                  number if decision.equals and not shared else 0)
             causes.append(cause)
             places.append(said.place_of(cause, alike))
+        told = True
     return tuple(causes), tuple(p for p in places if p is not None)
 
 
@@ -308,14 +318,18 @@ def _next(decision):
     return NextExperiment(instruction=what, splits=tuple((names[0], n) for n in names[1:]))
 
 
-def _notes(fitted, ratio, study):
-    """ratio : modulus that fits over the scene's"""
+def _notes(fitted, ratio, study, fits):
+    """ratio : modulus that fits over the scene's;  fits : FreeFits of what is said, None each"""
     gravity = np.linalg.norm(fitted[0].scene.gravity)
     out = [KNOWN, *([DIRECTION] if EARTH[0] <= gravity <= EARTH[1] and not _turned(fitted)
                     else ())]
     out += [damping_said(one.scene) for name, one in study.specimens.items()
             if name in {look.scene.name for look in fitted if unknown(look.scene)}
             and not unknown(one.scene)]
+    alone = {free.scene: free.hypothesis.name for fit in fits if fit for free in fit.frees
+             if free.scene}
+    out += [f'The {term.replace("_", " ")} is in scene {name} alone: the corrected scenario is '
+            f'right where it runs that scene.' for name, term in alone.items()]
     if abs(np.log(ratio)) > study.priors.modulus:
         out.append(OTHER_BODY.format(ratio))
     if any(look.scene.loads for look in fitted):

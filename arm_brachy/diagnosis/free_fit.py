@@ -113,7 +113,7 @@ def _terms(study, frees, p):
         a = p[first:first + len(free.prior)] * free.prior
         if not free.allows(a):
             raise ConfigError(f'{free.hypothesis.name} out of its bounds')
-        out.append(free.hypothesis.term(a))
+        out.append(free.term(a))
         first += len(a)
     return (*out, StiffnessScale(factor=float(np.exp(p[-1] * study.priors.modulus))))
 

@@ -3,7 +3,7 @@
 Test: diagnosis/test_free_body.py
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -18,6 +18,7 @@ from arm_brachy.diagnosis.candidates import (
     interior_places,
     surface_places,
 )
+from arm_brachy.diagnosis.free_scenes import InScene, at_loads
 from arm_brachy.diagnosis.hypothesis import Hypothesis, hypothesis
 from arm_brachy.tissue.mesh import volumes
 from arm_brachy.tissue.terms.anisotropy import Anisotropy
@@ -53,18 +54,29 @@ class Free:
     """One way in which a term may act on a released body.
 
     hypothesis : Hypothesis;  step : amplitude over which differences are taken
-    prior : (k,) standard deviations of its amplitudes
+    prior : (k,) standard deviations of its amplitudes;  scene : name of the only one, '' = all
     """
 
     hypothesis: Hypothesis
     step: float
     prior: np.ndarray
+    scene: str = ''
 
     @property
     def key(self):
         """(term, variant): the same for the same place in every specimen of one body."""
-        place = self.hypothesis.place
-        return self.hypothesis.name, ', '.join(f'{k} {_said(v)}' for k, v in place.items())
+        place = [f'{k} {_said(v)}' for k, v in self.hypothesis.place.items()]
+        return self.hypothesis.name, ', '.join(
+            [*place, *([f'scene {self.scene}'] if self.scene else [])])
+
+    def term(self, amplitudes):
+        """The term with amplitudes (k,); a free_scenes.InScene where it acts in one alone."""
+        term = self.hypothesis.term(amplitudes)
+        return InScene(term, self.scene) if self.scene else term
+
+    def alone(self, k, amplitude):
+        """As `term`, strength k at `amplitude` and the others off."""
+        return self.term(amplitude * (np.arange(len(self.prior)) == k))
 
     def allows(self, amplitudes):
         """True if every parameter (SI) lies within the bounds of its declaration."""
@@ -86,10 +98,10 @@ def _said(value):
         value, str) else value
 
 
-def free_hypotheses(specimen, loads=()):
+def free_hypotheses(specimen, scenes=()):
     """Return a tuple of Free on a specimen.Specimen without pads.
 
-    loads : core.scene.PointLoad of all its scenes
+    scenes : core.scene.Scene in which it was let go, whose loads may be others than they say
     The modulus is a nuisance and no cause. Of gravity only the direction is in question where the
     scene has that of the Earth, whose size is known to 0.3 %. Of another size it may be what is
     wrong: how far a body sags goes with it, how fast it rings does not. Terms of pads and
@@ -108,7 +120,7 @@ def free_hypotheses(specimen, loads=()):
             for e in SOFTENING_ENERGIES]
     out += [_free(hypothesis(Inclusion, **dict([place]))) for place in places]
     out += [_free(hypothesis(ExternalForce, duration=LONG, **dict([place]))) for place in outside]
-    out += _hanging(loads, outside)
+    out += _hanging(scenes, outside)
     out += [_loose(specimen, place) for place in under]
     if under:
         out.append(_yielding(specimen))
@@ -149,10 +161,13 @@ def _gravity(specimen):
     return _free(Hypothesis(Gravity, {}, across))
 
 
-def _hanging(loads, outside):
-    """Another weight where a scene has one, else one somewhere outside."""
-    there = [('centre', tuple(load.position)) for load in loads]
-    return [_free(hypothesis(PointMass, **dict([place]))) for place in there or outside]
+def _hanging(scenes, outside):
+    """Another weight where scenes have one, in all of them or in one; else one somewhere outside.
+    """
+    one = [_free(hypothesis(PointMass, **dict([place])))
+           for place in [('centre', where) for where in at_loads(scenes)] or outside]
+    return [*one, *(replace(free, scene=name) for free in one if len(named := at_loads(
+        scenes).get(free.hypothesis.place['centre'], ())) > 1 for name in named)]
 
 
 def _loose(specimen, place):

@@ -33,7 +33,6 @@ from arm_brachy.tissue.simulator import TissueSimulator
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
 MODES = 6           # lowest ones, of which the release excites the first of its direction
-NEAR = 0.25         # of a frequency: modes this near ring as one for a recording of seconds
 RINGS = 0.4         # s after the release: in the middle of what rings
 STEPS = (0.02, 0.1)     # s, on the way there: what relaxes fast is resolved
 FAINT = 1e-3        # by which relaxing moduli are scaled to find the stiffness that relaxes
@@ -229,28 +228,45 @@ class FreeModel:
 
 
 def _ringing(w, ratio, shapes, way):
-    """(frequency, ratios, shape, others): modes near the loudest, weighed by how loud they are.
+    """(frequency, ratios, shape, others): of the loudest mode and of what others pass for.
 
     ratio : (r, j), shapes : (k, 3, j) of j modes at w (j,) [1/s]
     """
     loud = np.sum(shapes ** 2, axis=(0, 1))
     top = int(np.argmax(loud))
-    weight = np.where(np.abs(w - w[top]) <= NEAR * w[top], loud, 0.0)
-    others = _others(w, w * ratio[0], np.where(weight > 0.0, 0.0, loud) / weight.sum(), top)
+    passing = _passing(w, w * ratio[0], top)
+    weight = loud * np.abs(passing) ** 2
+    others = _others(w, w * ratio[0], loud, passing, top)
     weight /= weight.sum()
-    shape = shapes[..., weight > 0.0].sum(axis=2)
+    shape = shapes @ passing.real
     shape = shape if np.sum(shape * way) >= 0.0 else -shape
     frequency = float(np.sqrt(weight @ w ** 2) / (2.0 * np.pi))
     return frequency, (ratio @ weight).tolist(), shape / np.linalg.norm(shape), others
 
 
-def _others(w, decay, loud, top):
-    """As Swing.others: modes at w (j,) [1/s] that decay (j,) [1/s], their squares over the top's.
+def _passing(w, decay, top):
+    """(j,) complex part of every mode that passes for the loudest where one mode is fitted.
 
-    free_release reads the ringing in that stretch, in which those that are faster die away.
+    w, decay : (j,) [1/s]. What least squares make of exp((i w_j - d_j) t) by exp((i w - d) t) from
+    t = 2 pi / w on, where free_release begins: 2 d / (d + d_j - i (w_j - w)), turned by what the
+    phases are apart by then. All of a mode of the same frequency, little of one that beats.
+    """
+    d, apart = np.maximum(decay, 1e-6), w - w[top]
+    begin = 2.0 * np.pi / w[top]
+    return (2.0 * d[top] / (d[top] + d - 1j * apart)
+            * np.exp((1j * apart - (d - d[top])) * begin))
+
+
+def _others(w, decay, loud, passing, top):
+    """As Swing.others: modes at w (j,) [1/s] that decay (j,) [1/s], their squares `loud` (j,).
+
+    passing : (j,) as of `_passing`, which is no part of it. free_release reads the ringing in that
+    stretch, in which those that are faster die away.
     """
     begin = 2.0 * np.pi / w[top]
     lasts = -np.log(QUIET) / max(decay[top], 1e-6)
     fade = 2.0 * np.maximum(decay, 1e-6)
     mean = 0.5 * np.exp(-fade * begin) * -np.expm1(-fade * lasts) / (fade * lasts)
-    return float(np.sqrt(loud @ mean / np.exp(-fade[top] * begin)))
+    left = loud * np.maximum(mean - mean[top] * np.abs(passing) ** 2, 0.0)
+    size = np.exp(-fade[top] * begin) * (loud @ np.abs(passing) ** 2)
+    return float(np.sqrt(left.sum() / size))

@@ -4,7 +4,7 @@ Test: diagnosis/test_free_scenes.py
 """
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,9 +33,21 @@ def refuse_other_bodies(scenes):
                              f'in {", ".join(OWN[:3])} alone')
 
 
-def loads_of(scenes):
-    """The core.scene.PointLoads of all scenes, one for each place; a tuple."""
-    return tuple({tuple(load.position): load for one in scenes for load in one.loads}.values())
+@dataclass(frozen=True)
+class InScene:
+    """A term that acts in the scene of a name alone."""
+
+    term: object
+    scene: str
+
+
+def at_loads(scenes):
+    """Place (x, y, z) [m] -> names of the core.scene.Scenes that have a load there, each once."""
+    found = {}
+    for one in dict.fromkeys(scenes):
+        for load in one.loads:
+            found.setdefault(tuple(load.position), []).append(one.name)
+    return {where: tuple(dict.fromkeys(names)) for where, names in found.items()}
 
 
 def hung(scene, shifts):
@@ -49,13 +61,15 @@ def hung(scene, shifts):
 
 
 def acting(terms, name, scenes):
-    """Those of `terms` that act in the scene of a name: a weight more where one of `scenes` has a
-    load acts in those that have it there.
+    """Those of `terms` that act in the scene of a name: an InScene in its own, a weight more where
+    one of `scenes` has a load in those that have it there.
     """
-    out = []
+    there, out = at_loads(scenes), []
     for term in terms:
-        at = [one.name for one in scenes if isinstance(term, PointMass) and any(
-            tuple(load.position) == tuple(term.centre) for load in one.loads)]
+        if isinstance(term, InScene):
+            out += [term.term] if term.scene == name else []
+            continue
+        at = there.get(tuple(term.centre), ()) if isinstance(term, PointMass) else ()
         if not at or name in at:
             out.append(term)
     return tuple(out)

@@ -112,10 +112,10 @@ def span(study, recording, kind):
     return recording, release.t + float(release.ring.span[0]), release.t + release.ring.span[1]
 
 
-def when(study, gain, term=''):
-    """Intervals, of every recording the stretch that shows it most."""
+def when(study, gain, term='', scenes=None):
+    """Intervals, of every recording of `scenes` (None = all) the stretch that shows it most."""
     out = []
-    for case in study.cases:
+    for case in (c for c in study.cases if scenes is None or c.scene in scenes):
         mine = np.array([r.recording == case.release.name for r in study.rows])
         _, (name, start, end) = loudest(study, np.where(mine, gain, FAR))
         out.append(Interval(name, float(start), float(end), term=term))

@@ -41,6 +41,22 @@ class Answer:
     fit: object = None
 
 
+@dataclass(frozen=True)
+class Aside:
+    """Loads that hang aside.
+
+    shifts : name of scene -> (loads, 3) [m];  does : (n,) what that does to the rows
+    """
+
+    shifts: dict
+    does: np.ndarray
+
+    def times(self, share):
+        """The Aside of a share of it."""
+        return Aside({name: share * shift for name, shift in self.shifts.items()},
+                     share * self.does)
+
+
 class FreeStudy:
     """Cases and their models.
 
@@ -91,7 +107,7 @@ class FreeStudy:
         columns = []
         for k, sd in enumerate(free.prior):
             try:
-                there = self.vector((free.hypothesis.alone(k, free.step),))
+                there = self.vector((free.alone(k, free.step),))
             except (NotConverged, MeshError, ConfigError, InvertedElement):
                 return None
             columns.append((there - self.start) / free.step * sd / self.sd)
@@ -154,8 +170,8 @@ class FreeStudy:
                 places[key] = places.get(key, 0.0) + self._within(rows, part)
             first = rows.stop
         every = [*blocks, *places.values(), *([self._mesh()] if mesh else [])]
-        return np.hstack([*every, *(does[:, None] / self.sd[:, None]
-                                    for _, _, does in self._aside)])
+        return np.hstack([*every, *(one.does[:, None] / self.sd[:, None]
+                                    for one in self._aside)])
 
     def _within(self, rows, columns):
         """(n, j) over the errors: columns of some rows alone."""
@@ -199,20 +215,37 @@ class FreeStudy:
             case.hand.bent.nodes + STEP * hold.nodes for hold in holds]), strict=True))
 
     def _hangs(self):
-        """(scene, (loads, 3) [m] by which one hangs aside, (n,) what that does), each.
+        """Asides: how far from where the scene has it a load hangs, along every axis.
 
-        Along every axis, to the side where it does more.
+        Loads of one place in several scenes hang on one hook, wherever that is, and each a little
+        aside from it. Each to the side where it does more.
         """
         out = []
-        for name, specimen in self.specimens.items():
-            count = len(specimen.scene.loads)
-            for i, axis in np.ndindex(count, 3):
-                shift = np.zeros((count, 3))
-                shift[i, axis] = self.priors.hang
-                ways = [(name, side * shift, self._hung(name, hung(
-                    specimen.scene, side * shift)) - self.start) for side in (1.0, -1.0)]
-                out.append(max(ways, key=lambda way: np.linalg.norm(way[2])))
+        for hook in self._hooks():
+            for axis in np.eye(3):
+                ways = [[self._aside_by(name, i, side * self.priors.hang * axis)
+                         for name, i in hook] for side in (1.0, -1.0)]
+                one = max(ways, key=lambda way: np.linalg.norm(sum(each.does for each in way)))
+                out.append(Aside({k: v for each in one for k, v in each.shifts.items()},
+                                 sum(each.does for each in one)))
+                out += [each.times(self.priors.rehang / self.priors.hang)
+                        for each in (one if len(hook) > 1 else ())]
         return tuple(out)
+
+    def _hooks(self):
+        """[(name of a scene, number of its load)] of every place where loads hang."""
+        hooks = {}
+        for name, specimen in self.specimens.items():
+            for i, load in enumerate(specimen.scene.loads):
+                hooks.setdefault(tuple(load.position), []).append((name, i))
+        return tuple(hooks.values())
+
+    def _aside_by(self, name, i, way):
+        """Aside of the i-th load of a scene, `way` (3,) [m] from where that has it."""
+        scene = self.specimens[name].scene
+        shift = np.zeros((len(scene.loads), 3))
+        shift[i] = way
+        return Aside({name: shift}, self._hung(name, hung(scene, shift)) - self.start)
 
     def as_hung(self, specimen, problem, fit):
         """(Specimen, terms) of a free_fit.FreeFit to the problem, loads where it has them hang.
@@ -222,8 +255,8 @@ class FreeStudy:
         name, terms = specimen.scene.name, fit.terms
         U = problem.U[:, :-1]
         share = posterior(U, fit.residual).mean[U.shape[1] - len(self._aside):]
-        shift = sum((z * way for z, (scene, way, _) in zip(
-            np.clip(share, -LIKELY, LIKELY), self._aside, strict=True) if scene == name),
+        shift = sum((z * one.shifts[name] for z, one in zip(
+            np.clip(share, -LIKELY, LIKELY), self._aside, strict=True) if name in one.shifts),
             np.zeros((len(specimen.scene.loads), 3)))
         if not np.any(shift):
             return specimen, terms

@@ -37,6 +37,9 @@ class FreePriors:
     hang: float = quantity(2.0, 'mm', 'where a weight hangs, along each axis', low=0.0, high=100.0,
                            source='own choice: a hook or a thread; of a silicone beam it is known '
                                   'to a few mm')
+    rehang: float = quantity(1.0, 'mm', 'how far apart weights of several scenes hang that have '
+                                        'them at one place, along each axis', low=0.0, high=100.0,
+                             source='own choice: another weight on the same hook')
     base: float = quantity(0.1, 'mm', 'motion of the base, turns by what they move its markers',
                            low=0.0, high=100.0, source='own choice: a clamp that gives a little; '
                                                        'its markers show how much')

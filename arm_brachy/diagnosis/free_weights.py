@@ -41,7 +41,8 @@ def _usual(study, free):
     """Mass to start from, prior standard deviations."""
     strength, = free.hypothesis.strengths
     there = [load.mass for specimen in study.specimens.values() for load in specimen.scene.loads
-             if tuple(load.position) == free.hypothesis.place['centre']]
+             if tuple(load.position) == free.hypothesis.place['centre']
+             and free.scene in ('', specimen.scene.name)]
     return -max(there) / (strength.typical * free.prior[0]) if there else 1.0
 
 

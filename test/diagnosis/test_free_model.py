@@ -5,7 +5,8 @@ import pytest
 
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, PointLoad, Region, Scene
-from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
+from arm_brachy.diagnosis.free_model import FreeModel, _ringing, free_specimen
+from arm_brachy.diagnosis.free_release import QUIET, _mode
 from arm_brachy.evaluation.ringing import ringing
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.dynamics import DynamicOptions
@@ -92,3 +93,25 @@ def test_scenes_with_pads_are_refused(tmp_path):
     pad = PadPatch('pad', (0.03, 0.01, 0.02), (0.0, 0.0, -1.0))
     with pytest.raises(ConfigError, match='pads'):
         free_specimen(Scene(**{**scene.__dict__, 'pads': (pad,)}))
+
+
+@pytest.mark.parametrize('beat', [0.0, 0.05, 0.15, 0.4])
+def test_a_mode_beside_passes_for_the_loudest_as_far_as_one_fit_takes_it(beat):
+    """Two modes of 0.05 apart along y and z: the shape is what least squares read from both."""
+    w = np.array([16.0, 16.0 * (1.0 - beat)])
+    ratios, sizes = np.array([0.04, 0.035]), np.array([1.0, 0.05])
+    shapes = np.zeros((1, 3, 2))
+    shapes[0, 2, 0], shapes[0, 1, 1] = sizes
+    t = np.arange(0.0, 8.0, 0.01)
+    s = np.stack([np.zeros_like(t), *(
+        size * np.exp(-r * v * t) * np.cos(v * t)
+        for size, r, v in zip(sizes[::-1], ratios[::-1], w[::-1], strict=True))], axis=1)
+    begin = 2.0 * np.pi / w[0]
+    end = begin - np.log(QUIET) / (w[0] * ratios[0])
+    way = np.array([[0.0, 0.0, 1.0]])
+    frequency, damping, shape, size, left = _mode(t, s, begin, end, (w[0] / 6.0, 0.05), way)
+    said = _ringing(w, np.stack([ratios, 0.0 * ratios]), shapes, way)
+    assert said[0] == pytest.approx(frequency, rel=3e-3)
+    assert said[1][0] == pytest.approx(damping, rel=0.01)
+    assert said[2] == pytest.approx(shape, abs=3e-3)
+    assert said[3] == pytest.approx(left / (size / np.sqrt(3.0)), rel=0.3, abs=1e-3)

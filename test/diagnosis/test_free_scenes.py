@@ -7,7 +7,14 @@ import pytest
 
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.scene import Marker, MeshFile, PointLoad, Region, Scene
-from arm_brachy.diagnosis.free_scenes import acting, along, hung, loads_of, refuse_other_bodies
+from arm_brachy.diagnosis.free_scenes import (
+    InScene,
+    acting,
+    along,
+    at_loads,
+    hung,
+    refuse_other_bodies,
+)
 from arm_brachy.tissue.terms.damping import Damping
 from arm_brachy.tissue.terms.point_mass import PointMass
 
@@ -20,7 +27,7 @@ TURNED = replace(BARE, name='turned', gravity=(0.0, -9.81, 0.0))
 
 def test_one_body_hangs_and_is_loaded_in_any_way():
     refuse_other_bodies([BARE, HUNG, TURNED, BARE])
-    assert loads_of([BARE, HUNG, replace(HUNG, name='again')]) == HUNG.loads
+    assert at_loads([BARE, HUNG, replace(HUNG, name='more'), HUNG]) == {TIP: ('hung', 'more')}
 
 
 def test_a_name_of_two_loads_is_refused_wherever_it_comes():
@@ -43,6 +50,13 @@ def test_more_at_a_load_hangs_where_the_load_does():
     scenes = [BARE, HUNG]
     assert acting((more, damping), 'hung', scenes) == (more, damping)
     assert acting((more, damping), 'bare', scenes) == (damping,)
+
+
+def test_a_weight_may_be_another_in_one_of_two_scenes():
+    more = PointMass(mass=0.01, centre=TIP)
+    scenes = [BARE, HUNG, replace(HUNG, name='heavier')]
+    for name, there in (('bare', ()), ('hung', ()), ('heavier', (more,))):
+        assert acting((InScene(more, 'heavier'),), name, scenes) == there
 
 
 def test_a_load_that_hangs_aside_takes_what_hangs_with_it_along():
