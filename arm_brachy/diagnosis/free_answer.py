@@ -26,6 +26,7 @@ def free_answer(evidences, provenance, held_out=(), progress=None):
         parts.verdict, replace(provenance, recordings=tuple(recordings)), parts.causes,
         parts.where, parts.when, parts.alternatives, parts.fit, parts.next_experiment,
         parts.recalibrated, evidence=accepted and accepted.evidence, held_out=parts.held_out,
-        chance=parts.chance, apart=parts.apart, findings=parts.findings, notes=parts.notes)
+        chance=parts.chance, apart=parts.apart, findings=parts.findings, notes=parts.notes,
+        limits=parts.limits)
     scene = evidences[0].scene
     return found, Shown(body_of(scene, build_body(scene).mesh))

@@ -33,6 +33,7 @@ from arm_brachy.diagnosis.free_study import FreeStudy
 from arm_brachy.diagnosis.free_table import SETTLED, FreePriors
 from arm_brachy.diagnosis.free_weights import with_weights
 from arm_brachy.diagnosis.inference import posterior
+from arm_brachy.diagnosis.limits import limits
 from arm_brachy.diagnosis.modulus import scaled
 from arm_brachy.diagnosis.prepared import prepare
 from arm_brachy.diagnosis.statements import Alternative, NextExperiment, Place, StreamFit
@@ -59,6 +60,7 @@ class FreeParts:
     recalibrated : 'E' -> Estimate, with the causes;  plain : the same without any
     next_experiment : NextExperiment or None;  held_out, chance, apart : as in Diagnosis
     findings : finding.Finding of base markers;  notes : sentences
+    limits : statements.Limit of the causes tried
     table : (Row, measured, at the modulus asked for, recalibrated, with the causes, error) each
     """
 
@@ -77,6 +79,7 @@ class FreeParts:
     apart: float | None
     findings: tuple
     notes: tuple
+    limits: tuple
     table: tuple
 
 
@@ -241,7 +244,13 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
             [look.release for look in fitted + tested], fitted[0].prepared.calibration.base),
         _notes(fitted, best.stiffness(E).value / fitted[0].scene.material.E, study,
                fits),
-        _table(study, plain, named))
+        _limits(problem, answers), _table(study, plain, named))
+
+
+def _limits(problem, answers):
+    known = {a.free.key: a.free for a in answers}
+    frees = [known[e.cause, e.variant] for e in problem.explanations]
+    return limits(problem, [(free.hypothesis, free.prior) for free in frees])
 
 
 def _fits(decision, full):

@@ -20,22 +20,28 @@ FAINT = 1e-9    # sd: nothing
 
 
 def limits_of(assembly):
-    """statements.Limit of every cause tried in an assembly.Assembly, the smallest first; a tuple.
+    """statements.Limit of every cause tried in an assembly.Assembly; a tuple, as of `limits`."""
+    return limits(assembly.problem, [(one, [s.spread for s in one.strengths])
+                                     for one in assembly.tried.hypotheses])
 
+
+def limits(problem, tried):
+    """statements.Limit of every cause of a decide.Problem, the smallest first; a tuple.
+
+    tried : (Hypothesis, (p,) standard deviations of its priors in typical sizes) of each of its
+        explanations
     Of several parameters the one that shows first, at a place (or actuator, ...) that half of
     those tried do no better than. What shows from FAR typical sizes only is left out, and what
     only sizes that the parameter cannot have would show.
     """
-    tried, problem = assembly.tried.hypotheses, assembly.problem
     if not tried:
         return ()
     columns = [explanation.columns for explanation in problem.explanations]
     sizes = np.split(detectability(problem.U, np.hstack(columns)),
                      np.cumsum([part.shape[1] for part in columns])[:-1])
     of_cause = defaultdict(list)
-    for hypothesis, size in zip(tried, sizes, strict=True):
-        spread = np.array([s.spread for s in hypothesis.strengths])
-        needed = SHOWS * spread / np.maximum(size, FAINT)
+    for (hypothesis, spread), size in zip(tried, sizes, strict=True):
+        needed = SHOWS * np.asarray(spread) / np.maximum(size, FAINT)
         k = int(needed.argmin())
         of_cause[hypothesis.name].append((float(needed[k]), k, hypothesis))
     halfway = {name: sorted(some, key=lambda one: one[0])[len(some) // 2]

@@ -140,6 +140,25 @@ def test_bare_and_loaded_recordings_together_tell_a_weight(recorded, scene):
     mass = parts.causes[0].parameters['mass']
     assert mass.low < 0.01 < mass.high and mass.value == pytest.approx(0.01, rel=0.2)
     assert parts.causes[0].parameters['centre'].value == place
+    limit, = (one for one in parts.limits if one.term == 'point_mass')
+    assert limit.unit == 'g' and limit.value < 10.0
+    assert limit.value == pytest.approx(1e3 * 5.0 * (mass.high - mass.low) / 3.29, rel=0.3)
+
+
+def test_of_two_weights_the_one_that_is_wrong_is_told(recorded, scene):
+    """20 g as its scene says; 45 g where the other one says 30, on the same hook."""
+    place = (0.08, 0.012, 0.0)
+    light, heavy = (replace(scene, name=name, loads=(PointLoad('weight', place, mass),))
+                    for name, mass in (('light', 0.02), ('heavy', 0.03)))
+    runs = [replace(recorded((PointMass(mass=mass, centre=place),), seed=seed), scene=its,
+                    name=its.name)
+            for mass, its, seed in ((0.02, light, 5), (0.045, heavy, 6))]
+    parts = free_diagnosis_parts((recorded(), *runs))
+    cause, = parts.causes
+    assert (parts.verdict, cause.term) == ('named', 'point_mass')
+    assert cause.parameters['mass'].value == pytest.approx(0.015, rel=0.2)
+    assert [when.recording for when in parts.when] == ['heavy']
+    assert any('in scene heavy alone' in note for note in parts.notes)
 
 
 @pytest.mark.parametrize('stiffness', [0.5, 2.5])
