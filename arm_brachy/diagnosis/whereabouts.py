@@ -84,8 +84,11 @@ def marker_place(scene, weights):
     w = (w / w.max())**4        # the loudest decide
     centre = w @ points / w.sum()
     far = np.linalg.norm(points - centre, axis=1)
-    return Place(position=tuple(map(float, centre)),
-                 radius=float(np.sqrt(w @ far**2 / w.sum())) or float(np.min(
-                     far[far > 0.0], initial=np.inf)))
+    radius = float(np.sqrt(w @ far**2 / w.sum())) or _nearest(centre, at)
+    return None if radius is None else Place(position=tuple(map(float, centre)), radius=radius)
 
 
+def _nearest(point, at):
+    """Distance [m] from a marker to the next, name -> place; None if there is no other."""
+    far = np.linalg.norm(np.array(list(at.values())) - point, axis=1)
+    return float(far[far > 0.0].min()) if (far > 0.0).any() else None
