@@ -57,6 +57,15 @@ class Aside:
                      share * self.does)
 
 
+def _joined(asides):
+    """The Aside of all of them at once: several loads of a scene may hang on one hook."""
+    shifts = {}
+    for one in asides:
+        for name, shift in one.shifts.items():
+            shifts[name] = shifts.get(name, 0.0) + shift
+    return Aside(shifts, sum(one.does for one in asides))
+
+
 class FreeStudy:
     """Cases and their models.
 
@@ -226,10 +235,9 @@ class FreeStudy:
                 ways = [[self._aside_by(name, i, side * self.priors.hang * axis)
                          for name, i in hook] for side in (1.0, -1.0)]
                 one = max(ways, key=lambda way: np.linalg.norm(sum(each.does for each in way)))
-                out.append(Aside({k: v for each in one for k, v in each.shifts.items()},
-                                 sum(each.does for each in one)))
-                out += [each.times(self.priors.rehang / self.priors.hang)
-                        for each in (one if len(hook) > 1 else ())]
+                out.append(_joined(one))
+                own = one if len(hook) > 1 else ()
+                out += [each.times(self.priors.rehang / self.priors.hang) for each in own]
         return tuple(out)
 
     def _hooks(self):

@@ -15,6 +15,7 @@ from arm_brachy.diagnosis.free_scenes import (
     hung,
     refuse_other_bodies,
 )
+from arm_brachy.diagnosis.free_study import Aside, _joined
 from arm_brachy.tissue.terms.damping import Damping
 from arm_brachy.tissue.terms.point_mass import PointMass
 
@@ -71,3 +72,16 @@ def test_a_weight_where_no_scene_has_one_hangs_in_all():
     elsewhere = PointMass(mass=0.01, centre=(0.05, 0.0, 0.0))
     for name in ('bare', 'hung'):
         assert acting((elsewhere,), name, [BARE, HUNG]) == (elsewhere,)
+
+
+def test_all_weights_of_one_hook_go_aside_together():
+    """Two in one scene, one in another."""
+    way, none = np.array([1e-3, 0.0, 0.0]), np.zeros(3)
+    parts = [Aside({'two': np.stack([way, none])}, np.array([1.0, 0.0])),
+             Aside({'two': np.stack([none, way])}, np.array([2.0, 0.0])),
+             Aside({'one': way[None]}, np.array([0.0, 4.0]))]
+    hook = _joined(parts)
+    np.testing.assert_array_equal(hook.shifts['two'], [way, way])
+    np.testing.assert_array_equal(hook.shifts['one'], [way])
+    np.testing.assert_array_equal(hook.does, [3.0, 4.0])
+    np.testing.assert_array_equal(hook.times(0.5).does, [1.5, 2.0])
