@@ -93,49 +93,83 @@ def _rests(prepared, force):
 
 
 def _unless_leant(fits):
-    """The fit of each pad of fits [pad][lean], of no lean first: of the likeliest for all of them.
+    """The fit of each pad, None with too few rests: without a lean, unless one is likelier.
 
-    Any lean pays for the search, and for the chance that nobody leaned on the body.
+    fits : [pad][lean] of `_fits`, of no lean first. What leans on the body shows in two sensors at
+    least, where there are two; it pays for the search, and for the chance that nobody did.
     """
-    known = [its for its in fits if its[0] is not None]
-    total = sum(np.array([np.inf if fit is None else fit[-1] for fit in its]) for its in known)
+    known = [its for its in fits if its is not None]
     if not known:
         return [None] * len(fits)
-    total[0] -= 2.0 * np.log(len(total) / ALARM)
-    return [its[int(np.argmin(total))] for its in fits]
+    more = np.array([[worth for _, worth in its] for its in known])
+    more -= more[:, :1]
+    more[:, (more > 0.0).sum(axis=0) < min(2, len(known))] = 0.0
+    total = more.sum(axis=0)
+    lean = int(np.argmax(total))
+    lean = lean if total[lean] > np.log(len(total) / ALARM) else 0
+    return [None if its is None else its[lean][0] for its in fits]
 
 
 def _fits(prepared, force, k, rests, t, jumps):
-    """Of one pad for each of `_leans`: (coefficients (m, c), covariance per unit scatter (m, m),
-    misfit (r, c), degrees of freedom, -2 log likelihood and what numbers cost), zero and drift
-    first; None with too few rests.
+    """Of one pad for each of `_leans`: (fit, log evidence over a zero and a drift alone).
+
+    A fit is (coefficients (m, c), covariance per unit scatter (m, m), misfit (r, c), degrees of
+    freedom), zero and drift first. None with too few rests.
     """
-    leans = _leans(len(rests))
     seen = [i for i, rows in enumerate(rests) if force.valid[rows, k].sum() >= SHORTEST]
     if len(seen) < FEWEST:
-        return [None] * len(leans)
+        return None
     y = np.array([np.nanmean(force.values[rests[i], k], axis=0) for i in seen])
     fixed = [np.ones(len(seen)), t[seen] - force.t[0]]
     fixed += [(t[seen] >= time).astype(float) for time in jumps]
     pasts = [(*recovery, *begun) for recovery, begun in product(
         [(), *((one,) for one in _recovery(prepared, force, k, rests, seen))],
         [(), _begun(prepared, force, k, t[seen])])]
-    return [min((fit for past in pasts if (fit := _fit([*fixed, *lean, *past], y)) is not None),
-                key=lambda fit: fit[-1], default=None)
-            for lean in ([np.isin(seen, one).astype(float)] if one else [] for one in leans)]
+    plain = [fit for past in pasts if (fit := _fit([*fixed, *past], y)) is not None]
+    if not plain:
+        return None
+    straight = plain[0]         # the past of none comes first
+    without = min(plain, key=_cost), max(_worth(fit, straight) for fit in plain)
+    out = [without]
+    for lean in _leans(len(rests))[1:]:
+        column = np.isin(seen, lean).astype(float)
+        some = [fit for past in pasts if np.ptp(column)
+                and (fit := _fit([*fixed, column, *past], y)) is not None]
+        worth = [_worth(fit, straight) for fit in some]
+        out.append((some[int(np.argmax(worth))], max(worth)) if some else without)
+    return out
 
 
 def _fit(columns, y):
     """One of `_fits` by columns, each (r,), of what was measured y (r, c); None if too many."""
     X = np.stack(columns, axis=1)
-    r, dof = len(y), len(y) - X.shape[1]
+    dof = len(y) - X.shape[1]
     if dof <= 1 or np.linalg.matrix_rank(X) < X.shape[1]:
         return None
     covariance = np.linalg.inv(X.T @ X)
     beta = covariance @ (X.T @ y)
-    left = y - X @ beta
-    score = y.shape[1] * (r * np.log(max(np.sum(left ** 2), 1e-30)) + X.shape[1] * np.log(r))
-    return beta, covariance, left, dof, score
+    return beta, covariance, y - X @ beta, dof
+
+
+def _squares(fit):
+    return max(float(np.sum(fit[2] ** 2)), 1e-30)
+
+
+def _cost(fit):
+    """Schwarz's criterion of a fit, by which the past of a pad is chosen."""
+    r, c = fit[2].shape
+    return c * (r * np.log(_squares(fit)) + (r - fit[3]) * np.log(r))
+
+
+def _worth(fit, straight):
+    """Log evidence of a fit over that of fewer columns, exact for however few rests.
+
+    Zellner 1986, On assessing prior distributions and Bayesian regression analysis with g-prior
+    distributions, g the number of rests; Liang et al. 2008, JASA 103, eq. 6.
+    """
+    r, c = fit[2].shape
+    n, k = c * straight[3], c * (straight[3] - fit[3])
+    return 0.5 * ((n - k) * np.log1p(r) - n * np.log1p(r * _squares(fit) / _squares(straight)))
 
 
 def _leans(r):
@@ -177,8 +211,8 @@ def _push(prepared, pad):
 def _scatter(fits):
     """(c,) standard deviation of rests about their fits, pooled over the pads."""
     known = [fit for fit in fits if fit is not None]
-    total = sum(np.sum(left ** 2, axis=0) for _, _, left, *_ in known)
-    return np.sqrt(total / max(sum(dof for *_, dof, _ in known), 1))
+    total = sum(np.sum(left ** 2, axis=0) for _, _, left, _ in known)
+    return np.sqrt(total / max(sum(dof for *_, dof in known), 1))
 
 
 def _findings(prepared, force, index, fits, scatter, slack):

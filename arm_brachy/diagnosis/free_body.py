@@ -18,7 +18,7 @@ from arm_brachy.diagnosis import free_statements as said
 from arm_brachy.diagnosis import free_trace as trace
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.checks import OUT_OF_SCALE
-from arm_brachy.diagnosis.decide import Judge, Rules
+from arm_brachy.diagnosis.decide import Explanation, Judge, Rules
 from arm_brachy.diagnosis.free_damping import said as damping_said
 from arm_brachy.diagnosis.free_damping import unknown, with_damping
 from arm_brachy.diagnosis.free_doors import stood_back, told_apart
@@ -60,8 +60,8 @@ class FreeParts:
     recalibrated : 'E' -> Estimate, with the causes;  plain : the same without any
     next_experiment : NextExperiment or None;  held_out, chance, apart : as in Diagnosis
     findings : finding.Finding of base markers;  notes : sentences
-    limits : statements.Limit of the causes tried
     table : (Row, measured, at the modulus asked for, recalibrated, with the causes, error) each
+    limits : statements.Limit of all causes tried
     """
 
     decision: object
@@ -79,8 +79,8 @@ class FreeParts:
     apart: float | None
     findings: tuple
     notes: tuple
-    limits: tuple
     table: tuple
+    limits: tuple = ()
 
 
 def is_free(scene):
@@ -115,7 +115,7 @@ def free_diagnosis_parts(evidences, held_out=(), progress=None, rng=None, *,
     frees, dropped = _considered(specimens[fitted[0].scene.name],
                                  [look.scene for look in fitted],
                                  drifts_restart or len(looks) < 2, _turned(fitted))
-    answers = study.answers(frees, progress)
+    answers = every = study.answers(frees, progress)
     problem, absurd = _possible(study, answers)
     if scan(problem.U, problem.r, problem.tests, rng).chance < Rules().alarm:
         answers, tried = with_weights(study, problem, answers), answers
@@ -124,8 +124,8 @@ def free_diagnosis_parts(evidences, held_out=(), progress=None, rng=None, *,
     full = FreeFullFits(study, problem, answers, rng)
     decision = Judge(problem, rng, check=full.left, gone=full.gone, weigh=full.weigh).decide()
     plain = refit(study, problem)
-    return _parts(study, problem, decision, answers, plain, (*dropped, *absurd), fitted, tested,
-                  given, specimens, full)
+    return replace(_parts(study, problem, decision, answers, plain, (*dropped, *absurd), fitted,
+                          tested, given, specimens, full), limits=_limits(problem, every))
 
 
 def _at_its_modulus(looks, given, priors):
@@ -226,7 +226,7 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
         gain = said.explained(problem, np.hstack(
             [e.columns for e in decision.accepted.explanations]))
     term = causes[0].term if len(causes) == 1 else ''
-    only = {free.scene for free in named.frees} if named else {''}
+    only = {free.scene for fit in fits if fit for free in fit.frees} or {''}
     intervals = () if decision.verdict == 'nothing_missing' else said.when(
         study, gain, term, only if '' not in only else None)
     if decision.verdict != 'nothing_missing' and not where:
@@ -243,14 +243,15 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
         min(apart) if apart else None, base_marker_findings(
             [look.release for look in fitted + tested], fitted[0].prepared.calibration.base),
         _notes(fitted, best.stiffness(E).value / fitted[0].scene.material.E, study,
-               fits),
-        _limits(problem, answers), _table(study, plain, named))
+               said.in_one_scene(problem, answers, fits)),
+        _table(study, plain, named))
 
 
 def _limits(problem, answers):
-    known = {a.free.key: a.free for a in answers}
-    frees = [known[e.cause, e.variant] for e in problem.explanations]
-    return limits(problem, [(free.hypothesis, free.prior) for free in frees])
+    """Limits of all Answers, those too that the data would have less than nothing of."""
+    return limits(replace(problem, explanations=tuple(
+        Explanation(*a.free.key, a.columns) for a in answers)),
+        [(a.free.hypothesis, a.free.prior) for a in answers])
 
 
 def _fits(decision, full):
@@ -327,18 +328,15 @@ def _next(decision):
     return NextExperiment(instruction=what, splits=tuple((names[0], n) for n in names[1:]))
 
 
-def _notes(fitted, ratio, study, fits):
-    """ratio : modulus that fits over the scene's;  fits : FreeFits of what is said, None each"""
+def _notes(fitted, ratio, study, alone):
+    """ratio : modulus that fits over the scene's;  alone : sentences of what is in one scene"""
     gravity = np.linalg.norm(fitted[0].scene.gravity)
     out = [KNOWN, *([DIRECTION] if EARTH[0] <= gravity <= EARTH[1] and not _turned(fitted)
                     else ())]
     out += [damping_said(one.scene) for name, one in study.specimens.items()
             if name in {look.scene.name for look in fitted if unknown(look.scene)}
             and not unknown(one.scene)]
-    alone = {free.scene: free.hypothesis.name for fit in fits if fit for free in fit.frees
-             if free.scene}
-    out += [f'The {term.replace("_", " ")} is in scene {name} alone: the corrected scenario is '
-            f'right where it runs that scene.' for name, term in alone.items()]
+    out += alone
     if abs(np.log(ratio)) > study.priors.modulus:
         out.append(OTHER_BODY.format(ratio))
     if any(look.scene.loads for look in fitted):

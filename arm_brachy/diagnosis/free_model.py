@@ -103,12 +103,14 @@ class FreeModel:
         """
         return self.swings(times, (0.0,))[0]
 
-    def swings(self, times, held):
+    def swings(self, times, held, lasts=None):
         """Return a Swing for each shape that it is let go from; as `swing` for no bend.
 
         held : (n, 3) [m] of the specimen's nodes from the stress-free shape, each. It rings as it
-        is let go, and settles as ever. Raises NotConverged if there is no stable equilibrium.
+        is let go, and settles as ever;  lasts : [s] for which that is looked at, each; None =
+        until it is quiet. Raises NotConverged if there is no stable equilibrium.
         """
+        lasts = (np.inf,) * len(held) if lasts is None else lasts
         path = self._path(times)
         zero, inside = np.zeros((0, 3)), self._attached.inside
         now = np.searchsorted(path.t, times)
@@ -118,7 +120,7 @@ class FreeModel:
         moved = np.where(inside[:, None], moved, 0.0)
         return tuple(Swing(moved, frequency, damping, shape, path.x[-1], carried, others)
                      for frequency, (damping, carried), shape, others in self._vibrations(
-                         path, matrix, moved[-1], held))
+                         path, matrix, moved[-1], zip(held, lasts, strict=True)))
 
     def displaced(self, x, shift):
         """How points on the tissue that are `shift` (3,) [m] from where they should be go.
@@ -183,9 +185,9 @@ class FreeModel:
         stiffer, lossy = self._memory(solver, x, dofs, modes, w)
         loads = 0.5 * alpha / w * self._carried(modes, dofs)
         w, ratios = np.sqrt(found.square + stiffer), np.stack([ratio + lossy, loads])
-        for one in held:
+        for one, lasts in held:
             start = (self.body.mesh.nodes + self._own(one) - x).ravel()[dofs]
-            yield _ringing(w, ratios, seen * (start @ weigh), way)
+            yield _ringing(w, ratios, seen * (start @ weigh), way, lasts)
 
     def _own(self, held):
         """`held` (n, 3) at the nodes that terms made of the specimen's."""
@@ -227,16 +229,19 @@ class FreeModel:
         return np.einsum('ij,ij->j', modes, more @ modes) / FAINT
 
 
-def _ringing(w, ratio, shapes, way):
+def _ringing(w, ratio, shapes, way, lasts=np.inf):
     """(frequency, ratios, shape, others): of the loudest mode and of what others pass for.
 
     ratio : (r, j), shapes : (k, 3, j) of j modes at w (j,) [1/s]
+    lasts : [s] from a period after the release on; free_release goes no further than it is quiet
     """
     loud = np.sum(shapes ** 2, axis=(0, 1))
     top = int(np.argmax(loud))
-    passing = _passing(w, w * ratio[0], top)
+    decay = np.maximum(w * ratio[0], 1e-6)
+    lasts = min(lasts, -np.log(QUIET) / decay[top])
+    passing = _passing(w, decay, top, lasts)
     weight = loud * np.abs(passing) ** 2
-    others = _others(w, w * ratio[0], loud, passing, top)
+    others = _others(w, decay, loud, passing, top, lasts)
     weight /= weight.sum()
     shape = shapes @ passing.real
     shape = shape if np.sum(shape * way) >= 0.0 else -shape
@@ -244,28 +249,28 @@ def _ringing(w, ratio, shapes, way):
     return frequency, (ratio @ weight).tolist(), shape / np.linalg.norm(shape), others
 
 
-def _passing(w, decay, top):
+def _passing(w, decay, top, lasts):
     """(j,) complex part of every mode that passes for the loudest where one mode is fitted.
 
-    w, decay : (j,) [1/s]. What least squares make of exp((i w_j - d_j) t) by exp((i w - d) t) from
-    t = 2 pi / w on, where free_release begins: 2 d / (d + d_j - i (w_j - w)), turned by what the
-    phases are apart by then. All of a mode of the same frequency, little of one that beats.
+    w, decay : (j,) [1/s];  lasts : [s]. What least squares make of exp((i w_j - d_j) t) by
+    exp((i w - d) t) from t = 2 pi / w on, where free_release begins: the mean of the product over
+    that of the square, turned by what the phases are apart by then. All of a mode of the same
+    frequency, little of one that beats. Holds while others are fainter than the loudest.
     """
-    d, apart = np.maximum(decay, 1e-6), w - w[top]
-    begin = 2.0 * np.pi / w[top]
-    return (2.0 * d[top] / (d[top] + d - 1j * apart)
-            * np.exp((1j * apart - (d - d[top])) * begin))
+    begin, slower = 2.0 * np.pi / w[top], 1j * (w - w[top]) - (decay - decay[top])
+    own = 2.0 * decay[top]
+    shared = own - slower
+    return (np.exp(slower * begin) * (1.0 - np.exp(-shared * lasts)) / shared
+            * own / -np.expm1(-own * lasts))
 
 
-def _others(w, decay, loud, passing, top):
+def _others(w, decay, loud, passing, top, lasts):
     """As Swing.others: modes at w (j,) [1/s] that decay (j,) [1/s], their squares `loud` (j,).
 
     passing : (j,) as of `_passing`, which is no part of it. free_release reads the ringing in that
     stretch, in which those that are faster die away.
     """
-    begin = 2.0 * np.pi / w[top]
-    lasts = -np.log(QUIET) / max(decay[top], 1e-6)
-    fade = 2.0 * np.maximum(decay, 1e-6)
+    begin, fade = 2.0 * np.pi / w[top], 2.0 * decay
     mean = 0.5 * np.exp(-fade * begin) * -np.expm1(-fade * lasts) / (fade * lasts)
     left = loud * np.maximum(mean - mean[top] * np.abs(passing) ** 2, 0.0)
     size = np.exp(-fade[top] * begin) * (loud @ np.abs(passing) ** 2)

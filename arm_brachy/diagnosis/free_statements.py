@@ -77,6 +77,25 @@ def place_of(cause, alike):
     return None
 
 
+def in_one_scene(problem, answers, fits):
+    """Sentences about causes of some FreeFits (None where there is none) in one scene alone.
+
+    The same in another scene the other way, or in all, may be as likely where no modulus is known.
+    """
+    out = []
+    alone = {free.key: free for fit in fits if fit for free in fit.frees if free.scene}
+    for free in alone.values():
+        share = {}
+        for answer, p in weights(problem, answers, free.hypothesis.name):
+            share[answer.free.scene] = share.get(answer.free.scene, 0.0) + p
+        term, p = free.hypothesis.name.replace('_', ' '), share[free.scene]
+        there = (f'in scene {free.scene} alone' if p > 1.0 - TAIL else f'likeliest in scene '
+                 f'{free.scene} alone ({100.0 * p:.0f} %), else in another or in all')
+        out.append(f'The {term} is {there}: corrected.yaml is right once its scene is '
+                   f'{free.scene}.')
+    return out
+
+
 def _surface(term):
     return {'base_debond': 'base', 'external_force': 'surface',
             'point_mass': 'surface'}.get(term, '')

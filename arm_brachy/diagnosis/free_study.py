@@ -221,13 +221,14 @@ class FreeStudy:
         """(Hold, Swing) each: how it rings when a hand bends it by STEP of that Hold more."""
         holds = self._holds[case.scene]
         return tuple(zip(holds, self._models[case.scene].swings(self.times[case.scene], [
-            case.hand.bent.nodes + STEP * hold.nodes for hold in holds]), strict=True))
+            case.hand.bent.nodes + STEP * hold.nodes for hold in holds],
+            [_rings(case)] * len(holds)), strict=True))
 
     def _hangs(self):
         """Asides: how far from where the scene has it a load hangs, along every axis.
 
         Loads of one place in several scenes hang on one hook, wherever that is, and each a little
-        aside from it. Each to the side where it does more.
+        aside from it. All to the side where that does more.
         """
         out = []
         for hook in self._hooks():
@@ -295,9 +296,10 @@ class FreeStudy:
 
     def _let_go(self, name, model, taken=np.asarray):
         """Recording -> Swing of those of a scene, by a FreeModel that has `taken` their hold."""
-        held = [taken(case.hand.bent.nodes) for case in self._of(name)]
-        return dict(zip([case.release.name for case in self._of(name)],
-                        model.swings(self.times[name], held), strict=True))
+        cases = self._of(name)
+        held = [taken(case.hand.bent.nodes) for case in cases]
+        return dict(zip([case.release.name for case in cases], model.swings(
+            self.times[name], held, [_rings(case) for case in cases]), strict=True))
 
     def model(self, specimen, terms, near=None):
         """The FreeModel of a Specimen with those of `terms` that act in its scene."""
@@ -320,6 +322,12 @@ def kind_of(row):
     if row.kind in (BASE, HELD):
         return SETTLED
     return CREEP if row.kind.startswith(CREEP) else row.kind
+
+
+def _rings(case):
+    """[s] for which a Case is read as ringing; without end if it does not ring."""
+    ring = case.release.ring
+    return np.inf if ring is None else ring.span[1] - ring.span[0]
 
 
 def _at(swing, now):

@@ -34,7 +34,8 @@ class FreePriors:
     hold: float = quantity(0.05, '', 'by how much of its length a hand holds a body too high or '
                            'too low', low=0.0, high=1.0,
                            source='own choice: 2 to 5 % of silicone beams held straight by eye')
-    hang: float = quantity(2.0, 'mm', 'where a weight hangs, along each axis', low=0.0, high=100.0,
+    hang: float = quantity(2.0, 'mm', 'where a weight hangs, along each axis', low=1e-3,
+                           high=100.0,
                            source='own choice: a hook or a thread; of a silicone beam it is known '
                                   'to a few mm')
     rehang: float = quantity(1.0, 'mm', 'how far apart weights of several scenes hang that have '

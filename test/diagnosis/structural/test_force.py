@@ -1,14 +1,16 @@
 """Zero, drift and scale of the force sensors, without a model of the tissue."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from arm_brachy.cell import pad_directions
+from arm_brachy.diagnosis import force_zero
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.force_balance import balance_findings
-from arm_brachy.diagnosis.force_zero import _rests, force_findings
+from arm_brachy.diagnosis.force_zero import _fits, _rests, _unless_leant, force_findings
 from arm_brachy.diagnosis.gaps import gap_findings
 from arm_brachy.diagnosis.prepared import prepare
 from arm_brachy.evaluation.timeseries import Series
@@ -141,3 +143,22 @@ def test_somebody_who_leans_on_it_is_no_drift_whichever_rests_that_falls_in(reco
         assert none == ()
         assert (drift.parameter, drift.channel) == ('rate', 'pad_1')
         assert drift.value == pytest.approx([0.0, 0.5 / 60.0, 0.0], abs=0.1 * 0.5 / 60.0)
+
+
+@pytest.mark.parametrize('rests, pads', [(5, 1), (6, 2), (8, 5)])
+def test_noise_of_few_rests_is_no_lean(monkeypatch, rests, pads):
+    """However well few numbers and many pasts bend to it; one sensor's fault is none either."""
+    t = 2.0 * np.arange(rests)
+    monkeypatch.setattr(force_zero, '_recovery', lambda *_: [np.exp(-(t % w) / 3.0)
+                                                             for w in (7.0, 9.0, 11.0)])
+    monkeypatch.setattr(force_zero, '_begun', lambda *_: ((t > 3.0).astype(float),))
+    rng = np.random.default_rng(0)
+    rows = [np.arange(10 * i, 10 * i + 10) for i in range(rests)]
+    for case in range(30):
+        seen = rng.normal(0.0, 5e-3, (rests, pads, 3))
+        seen[2:4, 0] += 0.1 * (pads > 1 and case % 2)
+        force = SimpleNamespace(t=np.repeat(t, 10), names=tuple(range(pads)),
+                                values=np.repeat(seen, 10, axis=0),
+                                valid=np.ones((10 * rests, pads), dtype=bool))
+        fits = [_fits(None, force, k, rows, t, ()) for k in range(pads)]
+        assert all(one is its[0][0] for one, its in zip(_unless_leant(fits), fits, strict=True))
