@@ -12,6 +12,7 @@ SETTLED = 0.2    # s after a motion before a sample counts as unloaded
 FEWEST = 4       # rests: two make a line, the others tell how well it fits
 SHORTEST = 10    # samples of a rest
 TESTS = 2        # zero and drift
+BESIDES = 2.3    # nats that all sensors but the loudest have to say for a lean: odds of 10
 ENDS = 30        # rests at which somebody may have begun to lean on the body, or stopped
 
 
@@ -95,16 +96,16 @@ def _rests(prepared, force):
 def _unless_leant(fits):
     """The fit of each pad, None with too few rests: without a lean, unless one is likelier.
 
-    fits : [pad][lean] of `_fits`, of no lean first. What leans on the body shows in two sensors at
-    least, where there are two; it pays for the search, and for the chance that nobody did.
+    fits : [pad][lean] of `_fits`, of no lean first. What leans on the body shows in others than
+    the loudest sensor too; it pays for the search, and for the chance that nobody did.
     """
     known = [its for its in fits if its is not None]
     if not known:
         return [None] * len(fits)
     more = np.array([[worth for _, worth in its] for its in known])
     more -= more[:, :1]
-    more[:, (more > 0.0).sum(axis=0) < min(2, len(known))] = 0.0
     total = more.sum(axis=0)
+    total[(total - more.max(axis=0) < BESIDES) & (len(known) > 1)] = 0.0
     lean = int(np.argmax(total))
     lean = lean if total[lean] > np.log(len(total) / ALARM) else 0
     return [None if its is None else its[lean][0] for its in fits]
