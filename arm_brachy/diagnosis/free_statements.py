@@ -91,7 +91,7 @@ def in_one_scene(problem, answers, fits):
         term, p = free.hypothesis.name.replace('_', ' '), share[free.scene]
         there = (f'in scene {free.scene} alone' if p > 1.0 - TAIL else f'likeliest in scene '
                  f'{free.scene} alone ({100.0 * p:.0f} %), else in another or in all')
-        out.append(f'The {term} is {there}: corrected.yaml is right once its scene is '
+        out.append(f'{term.capitalize()}: {there}; corrected.yaml is right once its scene is '
                    f'{free.scene}.')
     return out
 
