@@ -1,6 +1,7 @@
 """Scenes of one body: what they may differ in, and where a weight hangs."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from arm_brachy.diagnosis.free_scenes import (
     hung,
     refuse_other_bodies,
 )
+from arm_brachy.diagnosis.free_statements import in_one_scene
 from arm_brachy.diagnosis.free_study import Aside, _joined
 from arm_brachy.tissue.terms.damping import Damping
 from arm_brachy.tissue.terms.point_mass import PointMass
@@ -85,3 +87,17 @@ def test_all_weights_of_one_hook_go_aside_together():
     np.testing.assert_array_equal(hook.shifts['one'], [way])
     np.testing.assert_array_equal(hook.does, [3.0, 4.0])
     np.testing.assert_array_equal(hook.times(0.5).does, [1.5, 2.0])
+
+
+@pytest.mark.parametrize('other, said', [
+    ([0.0, 1.0], 'Point mass: in scene heavy alone;'),
+    ([1.0, 0.0], 'Point mass: likeliest in scene heavy alone (50 %), else in another or in all;')])
+def test_in_which_scene_is_said_as_surely_as_it_is_known(other, said):
+    """Two variants whose columns tell them apart, or not."""
+    frees = [SimpleNamespace(hypothesis=SimpleNamespace(name='point_mass'), scene=scene,
+                             key=('point_mass', scene)) for scene in ('heavy', 'light')]
+    answers = [SimpleNamespace(free=free, columns=np.array(column)[:, None])
+               for free, column in zip(frees, ([1.0, 0.0], other), strict=True)]
+    problem = SimpleNamespace(U=np.zeros((2, 1)), r=np.array([6.0, 0.0]))
+    line, = in_one_scene(problem, answers, [None, SimpleNamespace(frees=frees[:1])])
+    assert line.startswith(said) and line.endswith('once its scene is heavy.')
