@@ -13,6 +13,7 @@ FEWEST = 4       # rests: two make a line, the others tell how well it fits
 SHORTEST = 10    # samples of a rest
 TESTS = 2        # zero and drift
 BESIDES = 2.3    # nats that all sensors but the loudest have to say for a lean: odds of 10
+ALIKE = 1e-6     # of columns: how little one may add to the others
 ENDS = 30        # rests at which somebody may have begun to lean on the body, or stopped
 
 
@@ -142,13 +143,20 @@ def _fits(prepared, force, k, rests, t, jumps):
 
 
 def _fit(columns, y):
-    """One of `_fits` by columns, each (r,), of what was measured y (r, c); None if too many."""
+    """One of `_fits` by columns, each (r,), of what was measured y (r, c).
+
+    None if they are too many, or two say the same: a memory that is over by the next rest is a
+    lean at one rest.
+    """
     X = np.stack(columns, axis=1)
-    dof = len(y) - X.shape[1]
-    if dof <= 1 or np.linalg.matrix_rank(X) < X.shape[1]:
+    dof, size = len(y) - X.shape[1], np.linalg.norm(X, axis=0)
+    if dof <= 1 or not size.all():
         return None
-    covariance = np.linalg.inv(X.T @ X)
-    beta = covariance @ (X.T @ y)
+    u, s, vt = np.linalg.svd(X / size, full_matrices=False)
+    if s[-1] < ALIKE:
+        return None
+    half = vt.T / s / size[:, None]
+    beta, covariance = half @ (u.T @ y), half @ half.T
     return beta, covariance, y - X @ beta, dof
 
 

@@ -10,7 +10,7 @@ from arm_brachy.cell import pad_directions
 from arm_brachy.diagnosis import force_zero
 from arm_brachy.diagnosis.evidence import evidence_of
 from arm_brachy.diagnosis.force_balance import balance_findings
-from arm_brachy.diagnosis.force_zero import _fits, _rests, _unless_leant, force_findings
+from arm_brachy.diagnosis.force_zero import _fit, _fits, _rests, _unless_leant, force_findings
 from arm_brachy.diagnosis.gaps import gap_findings
 from arm_brachy.diagnosis.prepared import prepare
 from arm_brachy.evaluation.timeseries import Series
@@ -162,3 +162,16 @@ def test_noise_of_few_rests_is_no_lean(monkeypatch, rests, pads):
                                 valid=np.ones((10 * rests, pads), dtype=bool))
         fits = [_fits(None, force, k, rows, t, ()) for k in range(pads)]
         assert all(one is its[0][0] for one, its in zip(_unless_leant(fits), fits, strict=True))
+
+
+def test_a_memory_that_is_over_by_the_next_rest_is_not_fitted_beside_a_lean_at_that_one():
+    """Six seconds after a push it is smaller by exp(-15): one column too many, and no crash."""
+    t = 6.0 * np.arange(17.0)
+    lean, memory = (t == 42.0).astype(float), np.where(t < 42.0, 0.0, np.exp(-2.5 * (t - 40.0)))
+    y = np.random.default_rng(0).normal(0.0, 5e-3, (17, 3))
+    assert _fit([np.ones(17), t, lean, memory], y) is None
+    beta, covariance, left, dof = _fit([np.ones(17), t, memory], y)
+    X = np.stack([np.ones(17), t, memory], axis=1)
+    assert beta == pytest.approx(np.linalg.lstsq(X, y)[0])
+    assert covariance == pytest.approx(np.linalg.pinv(X) @ np.linalg.pinv(X).T)
+    assert (left, dof) == (pytest.approx(y - X @ beta), 14)
