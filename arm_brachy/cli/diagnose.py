@@ -82,7 +82,7 @@ def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, out, jso
                             _typed(bags, scene, scenes_of, null, held_out, calibration))
     with new_folder(result_folder(out, 'diagnosis')) as folder:
         answer = _run(evidences, sound, tested, provenance, calibrated)
-        shown = max(range(len(bags)), key=lambda i: len(evidences[i].scene.loads))
+        shown = _shows_most(answer.diagnosis, [one.scene for one in evidences])
         found = _corrected(answer.diagnosis, evidences[shown], files[bags[shown]], folder)
         write_diagnosis(found, answer.shown, folder / 'diagnosis.html')
         found.to_json(folder / 'diagnosis.json')
@@ -137,6 +137,14 @@ def _run(evidences, sound, tested, provenance, calibration):
 
         return stages.diagnose(evidences, provenance, held_out=tested, null=sound,
                                progress=show, calibration=calibration)
+
+
+def _shows_most(found, scenes):
+    """Number of the core.scene.Scene in which most of a Diagnosis acts, of equals most loads."""
+    def acts(scene):
+        return sum(not cause.scenes or scene.name in cause.scenes for cause in found.likeliest())
+
+    return max(range(len(scenes)), key=lambda i: (acts(scenes[i]), len(scenes[i].loads)))
 
 
 def _corrected(found, evidence, scene, folder):

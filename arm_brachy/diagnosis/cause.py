@@ -63,6 +63,7 @@ class Cause:
     applies_to : field -> value of those that only select ('pads', 'actuators', 'marker', ...)
     probability : after the data, 0 to 1;  option : 0 = it holds; causes of one other number hold
         together, and of the numbers one
+    scenes : names of the scenes in which alone it acts, of recordings of several; () = in all
     Raises InputError for a term or parameter that does not exist, and for a probability outside
     its range.
     """
@@ -72,6 +73,7 @@ class Cause:
     applies_to: dict = field(default_factory=dict)
     probability: float = 1.0
     option: int = 0
+    scenes: tuple = ()
 
     def __post_init__(self):
         fields = {f.name for f in dataclasses.fields(self.declared)}

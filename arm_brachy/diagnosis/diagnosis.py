@@ -185,7 +185,7 @@ def _interval(interval):
 def _cause(cause):
     return {'term': cause.term, 'parameters': _estimates(cause.declared, cause.parameters),
             'applies_to': cause.applies_to, 'probability': cause.probability,
-            'option': cause.option}
+            'option': cause.option, **({'scenes': cause.scenes} if cause.scenes else {})}
 
 
 def _estimates(declared, estimates):

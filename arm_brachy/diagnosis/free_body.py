@@ -219,7 +219,7 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
     decision = stood_back(told_apart(decision, full), lambda one: _held_out(
         study, problem, plain, full.fit(one), fitted, tested, given, specimens))
     fits = _fits(decision, full)
-    causes, where = _causes(problem, decision, answers, fits)
+    causes, where = _causes(study, problem, decision, answers, fits)
     named = fits[0] if fits else None
     gain = (problem.r - problem.U @ posterior(problem.U, problem.r).mean) ** 2
     if decision.accepted is not None:
@@ -260,7 +260,7 @@ def _fits(decision, full):
     return [full.fit(one) for one in options]
 
 
-def _causes(problem, decision, answers, fits):
+def _causes(study, problem, decision, answers, fits):
     """(causes, places) of what was accepted and of its equals, an option each if there are any.
 
     A cause that all options share holds in any case and is told once, as it was first fitted.
@@ -280,7 +280,8 @@ def _causes(problem, decision, answers, fits):
                 continue
             alike = said.weights(problem, answers, free.hypothesis.name)
             cause = said.cause_of(fit, i, alike, 1.0 if shared else float(p),
-                                  number if decision.equals and not shared else 0)
+                                  number if decision.equals and not shared else 0,
+                                 study.only_in(fit.terms[i]))
             causes.append(cause)
             places.append(said.place_of(cause, alike))
         told = True

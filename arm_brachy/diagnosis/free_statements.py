@@ -25,10 +25,11 @@ def weights(problem, answers, term):
     return [(variants[i], float(share[i])) for i in np.argsort(-share)]
 
 
-def cause_of(fit, i, alike, probability, option):
+def cause_of(fit, i, alike, probability, option, scenes=()):
     """The Cause of the i-th free of a FreeFit.
 
     alike : [(Answer, probability)] of its variants: what was scanned gets its interval from them
+    scenes : names of those in which alone it acts; () = all
     """
     free = fit.frees[i]
     parameters, place = fit.parameters(i), {}
@@ -39,7 +40,7 @@ def cause_of(fit, i, alike, probability, option):
             parameters[name] = Estimate.unsure(value)
         else:
             place[name] = value
-    return Cause(free.hypothesis.name, parameters, place, probability, option)
+    return Cause(free.hypothesis.name, parameters, place, probability, option, scenes)
 
 
 def _scanned(name, value, free, alike):
@@ -91,8 +92,7 @@ def in_one_scene(problem, answers, fits):
         term, p = free.hypothesis.name.replace('_', ' '), share[free.scene]
         there = (f'in scene {free.scene} alone' if p > 1.0 - TAIL else f'likeliest in scene '
                  f'{free.scene} alone ({100.0 * p:.0f} %), else in another or in all')
-        out.append(f'{term.capitalize()}: {there}; corrected.yaml is right once its scene is '
-                   f'{free.scene}.')
+        out.append(f'{term.capitalize()}: {there}.')
     return out
 
 

@@ -273,6 +273,12 @@ class FreeStudy:
         return free_specimen(moved), along(acting(terms, name, self._scenes), specimen.scene,
                                            moved)
 
+    def only_in(self, term):
+        """Names of the scenes in which alone a term acts; () = in all."""
+        names = [one.name for one in self._scenes]
+        mine = tuple(name for name in names if acting((term,), name, self._scenes))
+        return mine if len(mine) < len(names) else ()
+
     def _hung(self, name, scene):
         """(n,) as `vector`, the loads of one scene where a Scene has them."""
         model = self.model(free_specimen(scene), self.terms, self.near[name])

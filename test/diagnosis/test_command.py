@@ -11,6 +11,7 @@ from arm_brachy.cli import main
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene
+from arm_brachy.diagnosis.cause import Cause
 from arm_brachy.diagnosis.finding import Calibration
 
 SCENE = str(config_dir() / 'scenes' / 'breast.yaml')
@@ -65,6 +66,18 @@ def test_every_bag_is_read_with_its_own_scene(monkeypatch):
                               '--scene-of', f'hung={LOADED}', '--scene-of', f'hung_2={LOADED}'])
     assert read == [('bare', 'silicone_beam'), ('hung', 'silicone_beam_load52'),
                     ('hung_2', 'silicone_beam_load52')]
+
+
+@pytest.mark.parametrize(('causes', 'shown'), [
+    ((), 'two'),        # most loads
+    ((Cause('point_mass', scenes=('one',)),), 'one'),
+    ((Cause('point_mass', scenes=('one',)), Cause('damping')), 'one'),
+    ((Cause('point_mass', scenes=('one', 'two')),), 'two')])
+def test_the_corrected_scene_is_one_in_which_what_was_found_acts(causes, shown):
+    scenes = [SimpleNamespace(name=name, loads=loads) for name, loads in (
+        ('bare', ()), ('one', ('a',)), ('two', ('a', 'b')))]
+    found = SimpleNamespace(likeliest=lambda: causes)
+    assert scenes[command._shows_most(found, scenes)].name == shown
 
 
 def test_what_the_laboratory_says_of_itself_reaches_the_diagnosis(tmp_path, monkeypatch):

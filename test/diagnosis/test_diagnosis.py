@@ -75,6 +75,13 @@ def test_causes_carry_units_and_intervals_in_them(answers):
     assert cause['parameters']['ratio']['unit'] == '1'
 
 
+def test_a_cause_of_some_scenes_alone_says_of_which(answers):
+    found = answers['named']
+    assert 'scenes' not in body(found)['causes'][0]
+    alone = replace(found, causes=(replace(found.causes[0], scenes=('hung',)),))
+    assert body(alone)['causes'][0]['scenes'] == ['hung']
+
+
 def test_options_are_told_apart(answers):
     first, second = body(answers['equivalent'])['causes']
     assert (first['term'], second['term']) == ('actuator_gain', 'actuator_compliance')

@@ -140,6 +140,7 @@ def test_bare_and_loaded_recordings_together_tell_a_weight(recorded, scene):
     mass = parts.causes[0].parameters['mass']
     assert mass.low < 0.01 < mass.high and mass.value == pytest.approx(0.01, rel=0.2)
     assert parts.causes[0].parameters['centre'].value == place
+    assert parts.causes[0].scenes == ('hung',)      # it hangs with what hangs there
     limit, = (one for one in parts.limits if one.term == 'point_mass')
     assert limit.unit == 'g' and limit.value < 10.0
     assert limit.value == pytest.approx(1e3 * 5.0 * (mass.high - mass.low) / 3.29, rel=0.3)
@@ -159,6 +160,7 @@ def test_of_two_weights_the_one_that_is_wrong_is_told(recorded, scene):
     assert cause.parameters['mass'].value == pytest.approx(0.015, rel=0.2)
     assert [when.recording for when in parts.when] == ['heavy']
     assert any('in scene heavy alone' in note for note in parts.notes)
+    assert cause.scenes == ('heavy',)
 
 
 @pytest.mark.parametrize('stiffness', [0.5, 2.5])
