@@ -25,7 +25,7 @@ def weights(problem, answers, term):
     return [(variants[i], float(share[i])) for i in np.argsort(-share)]
 
 
-def cause_of(fit, i, alike, probability, option, scenes=()):
+def cause_of(fit, i, alike, probability, option, scenes):
     """The Cause of the i-th free of a FreeFit.
 
     alike : [(Answer, probability)] of its variants: what was scanned gets its interval from them
