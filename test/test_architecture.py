@@ -13,6 +13,8 @@ NUMERICAL = {
     'recording': {'core'},
     'evaluation': {'core'},
     'control': {'core', 'tissue'},
+    'estimation': {'core', 'tissue'},
+    'robot': {'core'},
     'registry': {'core', 'tissue', 'devices'},
 }
 # Of these, each may import all numerical parts and whatever stands before it.
@@ -33,6 +35,9 @@ HOMES = {
     'rclpy': {'nodes'},
     'arm_brachy_msgs': {'nodes'},
     'osqp': {'control'},
+    'torch': {'estimation'},
+    'pybullet': {'robot'},
+    'cv2': {'devices'},
     'threadpoolctl': {'diagnosis'},
     'mcap': {'recording'},
     'mcap_ros2': {'recording'},
