@@ -13,6 +13,7 @@ from arm_brachy.experiments import (
     figure_3_2,
     model_verification,
     node_errors,
+    panda_torques,
     reduced_model,
     silicone_beam,
     table_3_1,
@@ -25,4 +26,4 @@ EXPERIMENTS = {module.NAME: module.reproduce
                for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig,
                              element_accuracy, reduced_model, diagnosis_study, diagnosis_time,
                              diagnosis_laboratories, dome_faults, gel_block, half_cylinder,
-                             node_errors)}
+                             node_errors, panda_torques)}
