@@ -1,4 +1,4 @@
-"""States of a scene's body in a folder: shards of .npz and a manifest that says how they were made.
+"""States of a scene's body in a folder: shards of .npz and a manifest of how they were made.
 
     manifest.json       format, scene (name, SHA256 of its content and mesh), seed, walks, nodes,
                         edges of the graph, options of the draw

@@ -162,7 +162,8 @@ def _random_pads(scene, mesh, count, options, rng):
     for i in rng.choice(len(size), count, p=size / size.sum()):
         inward = -area[i] / size[i]
         lean = _across(inward) @ np.tan(rng.normal(0.0, options.lean, 2))
-        pads.append(PadPatch(name=f'contact_{len(pads) + 1}', centre=tuple(corners[i].mean(axis=0)),
+        pads.append(PadPatch(name=f'contact_{len(pads) + 1}',
+                             centre=tuple(corners[i].mean(axis=0)),
                              direction=tuple(_unit(inward + lean)),
                              radius=rng.uniform(options.small_pad, options.large_pad)))
     return tuple(pads), np.arange(count)
