@@ -12,6 +12,7 @@ from arm_brachy import registry
 from arm_brachy.control.manipulator import Manipulator
 from arm_brachy.control.pursuit import Pursuit
 from arm_brachy.control.push_protocol import PushProtocol
+from arm_brachy.control.sequencer import Sequencer
 from arm_brachy.control.tissue_model import TissueModel
 from arm_brachy.core.errors import CommandRefused, ConfigError
 from arm_brachy.core.outcome import Outcome
@@ -225,6 +226,13 @@ def build_protocol(cell):
                           'push_protocol to make')
     return PushProtocol(cell.scenario.moves, [p.name for p in cell.scene.pads],
                         cell.scenario.settle)
+
+
+def build_sequencer(cell):
+    """The scenario's tasks; without any, the rest alone, after the release where there is one."""
+    scenario = cell.scenario
+    held = 0.0 if scenario.tasks or scenario.release is None else scenario.release
+    return Sequencer(scenario.tasks, scenario.settle + held)
 
 
 def _terms(cell, *stages):

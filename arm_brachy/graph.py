@@ -171,11 +171,16 @@ COMPARISON = (TISSUE_MODEL, MISMATCH_MONITOR)   # run beside a cell, or on a rec
 CELL = tuple(n.name for n in NODES if n not in (*COMPARISON, PUSH_PROTOCOL))
 PROBING_CELL = tuple(n.name for n in NODES
                      if n not in (*COMPARISON, MPC_MANIPULATOR, OPERATOR))
+PUSHING = (ACTUATOR_DRIVER, FORCE_SENSOR, MPC_MANIPULATOR)  # nothing to do without a pad
 
 
-def cell_of(scenario):
-    """Names of the nodes that a full run of a Scenario takes, in table order."""
-    return PROBING_CELL if scenario.moves else CELL
+def cell_of(scenario, pads=True):
+    """Names of the nodes that a full run of a Scenario takes, in table order.
+
+    pads : the pads of its scene; empty or False for a body that nothing pushes
+    """
+    names = PROBING_CELL if scenario.moves else CELL
+    return names if pads else tuple(n for n in names if n not in {p.name for p in PUSHING})
 
 
 def conductor_of(scenario):

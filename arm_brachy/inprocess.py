@@ -19,7 +19,7 @@ from arm_brachy import cell as cells
 from arm_brachy.control import push_protocol
 from arm_brachy.control.goal import Goal, GoalKind
 from arm_brachy.control.safety import Permission, Safety
-from arm_brachy.control.sequencer import Action, Phase, Sequencer, at_home
+from arm_brachy.control.sequencer import Action, Phase, at_home
 from arm_brachy.core.errors import CommandRefused, ConfigError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.devices.actuator import SimulatedBank
@@ -50,7 +50,7 @@ class InProcess:
 
     t : [s] of the last tick;  finished : all is over and the pads are home
     driver, body, tracker, safety : the parts, as in the graph;  control, sequencer : of tasks
-    protocol : of moves;  the other two or one are None
+    protocol : of moves;  the other two or one are None, control without pads too
     step : the last ManipulatorStep, None before the first
     """
 
@@ -72,8 +72,8 @@ class InProcess:
         if scenario.moves:
             self.protocol = cells.build_protocol(cell)
         else:
-            self.control = cells.build_controller(cell)
-            self.sequencer = Sequencer(scenario.tasks, scenario.settle)
+            self.control = cells.build_controller(cell) if self._pads else None
+            self.sequencer = cells.build_sequencer(cell)
         points = {'em': cell.em_tools, 'optical': cells.marker_names(cell), 'force': ()}
         self._feeds = {name: cells.PointFeed(points[name]) for name in SENSORS}
         self._permission, self._home_due = Permission.HOLD, True
@@ -111,7 +111,8 @@ class InProcess:
         if self.protocol is not None:
             self._push(state)
         else:
-            self._steer(state, heard)
+            if self.control is not None:
+                self._steer(state, heard)
             self._operate(state)
 
     def data(self):
@@ -129,7 +130,9 @@ class InProcess:
             self.driver.hold()
 
     def _permit(self, permission, reason):
-        (self.control if self.protocol is None else self.protocol).permit(permission, reason)
+        for one in (self.control, self.protocol):
+            if one is not None:
+                one.permit(permission, reason)
 
     def _drive(self):
         """The command of the tick before, then motion; returns BankState."""

@@ -64,7 +64,8 @@ def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0, watch=False):
 
     watch : the model and the monitor that compares it with the sensors run beside the cell
     """
-    wanted = {*graph.cell_of(cell.scenario), *(n.name for n in graph.COMPARISON if watch)}
+    wanted = {*graph.cell_of(cell.scenario, cell.scene.pads),
+              *(n.name for n in graph.COMPARISON if watch)}
     names = [n.name for n in graph.NODES if n.name in wanted
              and (cell.scenario.pace == 'lockstep' or n is not graph.CELL_CLOCK)]
     common = {'scenario': str(scenario_path), 'peers': names}
@@ -78,7 +79,7 @@ def replay_processes(cell, scenario_path, recording, live, bag):
     live : names of nodes that run against the recording, which speaks for all others
     """
     wanted = {graph.CELL_CLOCK.name, graph.RECORDER.name, *live}
-    absent = sorted(set(graph.cell_of(cell.scenario)) - wanted)
+    absent = sorted(set(graph.cell_of(cell.scenario, cell.scene.pads)) - wanted)
     common = {'scenario': str(scenario_path), 'pace': 'lockstep',
               'peers': sorted(wanted | set(absent)), 'absent': absent}
     return [NodeProcess('replayer', {**common, 'bag': str(recording)}),

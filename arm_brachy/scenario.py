@@ -31,13 +31,17 @@ TICK_ROUNDING_NS = 1e-3  # what conversion from ms leaves at most
 
 @dataclass(frozen=True)
 class Overlay:
-    """Departures from the scene: mesh, element, pads, material, terms (`- {name: ..., ...}`)."""
+    """Departures from the scene: mesh, pads, material, damping, terms (`- {name: ..., ...}`)."""
 
     mesh: MeshFile | None = None
     element: Literal['quadratic', 'linear'] | None = None
     contact: Literal['bonded', 'touching'] | None = None   # of all pads, instead of the scene's
     E: float = quantity(..., 'kPa', "Young's modulus instead of the scene's", low=0.01, high=1e6)
     nu: float = quantity(..., '', "Poisson's ratio instead of the scene's", low=0.0, high=0.4999)
+    rayleigh_alpha: float = quantity(..., 'per_s', "mass-proportional damping instead of the "
+                                     "scene's (implicit only)", low=0.0)
+    rayleigh_beta: float = quantity(..., 'ms', "stiffness-proportional damping instead of the "
+                                    "scene's (implicit only)", low=0.0)
     terms: tuple[dict, ...] = ()
 
 
@@ -81,7 +85,8 @@ class Scenario:
     tick: float = quantity(50.0, 'ms', 'period of the cell clock', low=1.0, high=250.0,
                            source='half the control period; sensors sample between ticks at their '
                                   'own rates, along the straight line from tick to tick')
-    settle: float = quantity(2.0, 's', 'rest before the first task or move and after each homing',
+    settle: float = quantity(2.0, 's', 'rest before the first task or move and after each homing; '
+                             'without task or move all that is recorded, after the release',
                              low=0.0, high=600.0)
     mesh_rate: float = quantity(5.0, 'Hz', 'how often the mesh is published', low=0.01, high=100.0)
     release: float = quantity(..., 's', 'when a body held in its stress-free shape is let go',
@@ -183,7 +188,9 @@ def _overlaid(scene, overlay, path):
     element = scene.element if overlay.element is None else overlay.element
     pads = scene.pads if overlay.contact is None else tuple(
         replace(pad, contact=overlay.contact) for pad in scene.pads)
-    return replace(scene, material=material, mesh=mesh, element=element, pads=pads)
+    damping = {name: getattr(overlay, name) for name in ('rayleigh_alpha', 'rayleigh_beta')
+               if getattr(overlay, name) is not None}
+    return replace(scene, material=material, mesh=mesh, element=element, pads=pads, **damping)
 
 
 def _check_scene(scene, place):

@@ -126,6 +126,14 @@ def test_a_full_run_leaves_out_what_only_a_replay_runs_and_what_the_other_kind_n
 
 
 @pytest.mark.parametrize('scenario', [PROBING, TASKED])
+def test_without_pads_nobody_pushes_and_nobody_feels(scenario):
+    left_out = set(graph.cell_of(scenario)) - set(graph.cell_of(scenario, ()))
+    assert left_out <= {'actuator_driver', 'force_sensor', 'mpc_manipulator'}
+    assert not graph.writers('actuators/command', set(graph.cell_of(scenario, ())) - {
+        'push_protocol'})
+
+
+@pytest.mark.parametrize('scenario', [PROBING, TASKED])
 def test_of_a_full_run_one_node_commands_and_one_tells_what_is_under_way(scenario):
     names = graph.cell_of(scenario)
     assert graph.writers('cell/task', names) == (graph.conductor_of(scenario).name,)

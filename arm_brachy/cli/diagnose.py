@@ -24,6 +24,8 @@ from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
 from arm_brachy.diagnosis.diagnosis import Provenance
 from arm_brachy.diagnosis.evidence import load_evidence, told_apart, zero_of
 from arm_brachy.diagnosis.finding import Calibration
+from arm_brachy.diagnosis.free_body import is_free
+from arm_brachy.diagnosis.free_run import as_let_go
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.page import write_diagnosis
 from arm_brachy.diagnosis.pushes import moves_of
@@ -83,7 +85,7 @@ def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, out, jso
     with new_folder(result_folder(out, 'diagnosis')) as folder:
         answer = _run(evidences, sound, tested, provenance, calibrated)
         shown = _shows_most(answer.diagnosis, [one.scene for one in evidences])
-        found = _corrected(answer.diagnosis, evidences[shown], files[bags[shown]], folder)
+        found = _corrected(answer.diagnosis, evidences, shown, files[bags[shown]], folder)
         write_diagnosis(found, answer.shown, folder / 'diagnosis.html')
         found.to_json(folder / 'diagnosis.json')
     if json_file:
@@ -147,13 +149,16 @@ def _shows_most(found, scenes):
     return max(range(len(scenes)), key=lambda i: (acts(scenes[i]), len(scenes[i].loads)))
 
 
-def _corrected(found, evidence, scene, folder):
+def _corrected(found, evidences, shown, scene, folder):
     """The Diagnosis with the path of the corrected scenario, if there is anything to correct."""
+    evidence = evidences[shown]
     if not [cause for cause in found.causes if cause.physical] and not found.recalibrated:
         return found
     motion = motion_of(evidence)
     base = base_scenario(scene, Path(scene).stem, found.provenance.seed)
-    if motion is not None:
+    if is_free(evidence.scene):
+        base = as_let_go(base, evidences, shown)
+    elif motion is not None:
         base = replace(base, moves=moves_of(motion, evidence.scene.pads, base.actuators,
                                             base.tick))
     try:

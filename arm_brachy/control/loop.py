@@ -85,3 +85,4 @@ class Mode(Enum):
     ACTIVE = 'go to the goal'
     HOLD = 'held on request; the goal is kept'
     ABORTED = 'aborted on request; the goal is dropped'
+    FORBIDDEN = 'the supervisor forbids motion; the goal is dropped'

@@ -97,7 +97,7 @@ class Manipulator:
             self.observer.reset()
             self._forget_motion()
         # Whatever moved the pads in the meantime, the new goal starts from where they are.
-        self._restart |= self._mode in (Mode.IDLE, Mode.ABORTED)
+        self._restart |= self._mode in (Mode.IDLE, Mode.ABORTED, Mode.FORBIDDEN)
         self._goal, self._mode = goal, Mode.ACTIVE
         self.stillness.reset()
         self.mpc.reset()
@@ -112,9 +112,12 @@ class Manipulator:
             raise CommandRefused('resume: there is no goal to go on with; set one')
         self._mode = Mode.ACTIVE
 
-    def abort(self):
-        """Drop the goal and stop the pads where the next step finds them."""
-        self._goal, self._mode, self._restart = None, Mode.ABORTED, True
+    def abort(self, why=Mode.ABORTED):
+        """Drop the goal and stop the pads where the next step finds them.
+
+        why : Mode.ABORTED, which is what was asked for and no trouble, or Mode.FORBIDDEN
+        """
+        self._goal, self._mode, self._restart = None, why, True
 
     def step(self, t, q_measured, target_samples=()):
         """Advance to time t [s].
@@ -210,7 +213,7 @@ class Manipulator:
 
     def _decide(self, now, q):
         """Turn the picture into a command, or hold and say why."""
-        if self._mode in (Mode.HOLD, Mode.ABORTED):
+        if self._mode in (Mode.HOLD, Mode.FORBIDDEN):
             return replace(now, outcome=Outcome.HELD, message=self._mode.value)
         if self._goal is None:
             return now

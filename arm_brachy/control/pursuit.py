@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from arm_brachy.control.goal import GoalKind
+from arm_brachy.control.loop import Mode
 from arm_brachy.control.reach import closest_reachable
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.errors import CommandRefused
@@ -74,7 +75,8 @@ class Pursuit:
         """Take the supervisor's word: whatever is not RUN drops the goal and refuses the next."""
         self._permission, self._reason = permission, reason
         if permission is not Permission.RUN and self.active:
-            self.abort()
+            self._manipulator.abort(Mode.FORBIDDEN)
+            self.active = False
 
     def step(self, t):
         """Return a ManipulatorStep if a control period has passed by t [s], else None."""

@@ -37,7 +37,8 @@ class Action(Enum):
 class Sequencer:
     """Walks through tasks by the clock of the data; it looks at nothing but time and `at_home`.
 
-    tasks : sequence with `.duration` [s];  settle : rest [s] before each task
+    tasks : sequence with `.duration` [s];  settle : rest [s] before each task, all there is
+        without one
     A homing that does not end within `homing_limit` [s] ends the sequence; `verdict` says so.
     index : of the task;  phase : Phase;  verdict : one line once FINISHED, '' if nothing was left
     out
@@ -46,7 +47,7 @@ class Sequencer:
     def __init__(self, tasks, settle, homing_limit=120.0):
         self._tasks, self._settle, self._limit = tuple(tasks), settle, homing_limit
         self.index = 0
-        self.phase = Phase.SETTLING if self._tasks else Phase.FINISHED
+        self.phase = Phase.SETTLING
         self._since, self.verdict = None, ''
 
     def step(self, t, at_home):
@@ -55,14 +56,18 @@ class Sequencer:
             self._since = t
         elapsed = t - self._since
         if self.phase is Phase.SETTLING:
-            return self._enter(Phase.ACTIVE, t, Action.SET_GOAL) if elapsed >= self._settle \
-                else Action.WAIT
+            return Action.WAIT if elapsed < self._settle else self._after_settling(t)
         if self.phase is Phase.ACTIVE:
             over = elapsed >= self._tasks[self.index].duration
             return self._enter(Phase.HOMING, t, Action.RELEASE) if over else Action.WAIT
         if self.phase is Phase.HOMING and (at_home or elapsed > self._limit):
             return self._after_homing(t, at_home)
         return Action.FINISH if self.phase is Phase.FINISHED else Action.WAIT
+
+    def _after_settling(self, t):
+        if not self._tasks:
+            return self._enter(Phase.FINISHED, t, Action.FINISH)
+        return self._enter(Phase.ACTIVE, t, Action.SET_GOAL)
 
     def _after_homing(self, t, at_home):
         self.index += 1

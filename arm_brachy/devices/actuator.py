@@ -225,7 +225,7 @@ class SimulatedBank(AbstractActuatorDriver):
         self._zero[home] = 0.0
 
     def _state(self, effort):
-        done = np.array([profile.done for profile in self._profiles])
+        done = np.array([profile.done for profile in self._profiles], dtype=bool)
         outcome, message = self._outcome()
         return BankState(
             t=self._t, q=self._encoder(), velocity=self._velocity.copy(), effort=effort,

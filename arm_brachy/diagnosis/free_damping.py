@@ -39,5 +39,5 @@ def said(scene):
     """The note on a Scene that got its damping from recordings."""
     return (f'Scene {scene.name} has no damping: what the recordings show is taken, '
             f'rayleigh_alpha_per_s: {scene.rayleigh_alpha:.3g} and rayleigh_beta_ms: '
-            f'{1e3 * scene.rayleigh_beta:.3g}, each half of it; write them into the scene to run '
-            'it, or what you measured.')
+            f'{1e3 * scene.rayleigh_beta:.3g}, each half of it; corrected.yaml has them. Write '
+            'them into the scene too, or what you measured.')

@@ -41,9 +41,11 @@ def body(run, index):
     figure.legend(*axes[0].get_legend_handles_labels(), loc='outside upper center', ncols=4)
     return Plate('body', figure, (
         f'The tissue at t = {t:.2f} s, when it was deformed most, true to scale. Colour: '
-        'displacement of the surface from rest. Arrows: pads and the way they push (a cross where '
-        'that is away from the reader; pads behind the body are left out). Targets lie inside and '
-        'are drawn through the surface, hollow at rest and filled where they are.'))
+        'displacement of the surface from rest.'
+        + (' Arrows: pads and the way they push (a cross where that is away from the reader; '
+           'pads behind the body are left out).' if run.pads else '')
+        + (' Targets lie inside and are drawn through the surface, hollow at rest and filled '
+           'where they are.' if run.truth else '')))
 
 
 def _two_views(tissue, positions, label):

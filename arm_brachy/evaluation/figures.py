@@ -20,6 +20,8 @@ from arm_brachy.evaluation.style import (
 AXIS_NAMES = ('x', 'y', 'z')
 LEAST_SPAN = 2.0  # mm, so that noise on an axis at rest does not look like motion
 COLUMNS = 3  # tasks side by side that stay legible on a page
+MOST_MARKERS = 6  # curves that can be told apart
+LEAST_PER_BIN = 2  # messages: of fewer a count says nothing, they are drawn one by one
 FLOW = LinearSegmentedColormap.from_list('flow', ['#b2182b', '#f4a582', '#dfe6ea', '#92c5de',
                                                   '#2166ac'])
 
@@ -160,6 +162,31 @@ def pad_travel(run):
 
 
 @styled
+def marker_travel(run):
+    """How far the optical markers have gone since they were first seen; for a body let go."""
+    figure = new_figure(9.5, 2.8)
+    axis = figure.subplots()
+    ways = _marker_ways(run.optical)
+    farthest = sorted(ways, key=lambda name: -np.nanmax(ways[name]))[:MOST_MARKERS]
+    for k, name in enumerate(farthest):
+        axis.plot(run.optical.t, ways[name] * MM, color=colour(k), lw=1.2, label=name)
+    axis.set(xlabel='time / s', ylabel='marker travel / mm')
+    axis.set_ylim(bottom=0.0)
+    axis.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))
+    return Plate('marker_travel', figure, (
+        'Distance of the optical markers from where they were first seen, as the tracker has '
+        f'it{"" if len(ways) == len(farthest) else f"; the {MOST_MARKERS} that went farthest"}.'))
+
+
+def _marker_ways(frames):
+    """Name -> distance (n,) [m] from where a marker was first seen, NaN where it is not."""
+    seen = np.where(frames.visible[..., None], frames.points, np.nan)
+    first = {str(name): np.flatnonzero(frames.visible[:, k]) for k, name in enumerate(frames.ids)}
+    return {name: np.linalg.norm(seen[:, k] - seen[there[0], k], axis=1)
+            for k, (name, there) in enumerate(first.items()) if len(there)}
+
+
+@styled
 def pad_forces(run):
     """Contact force of every pad over the run, tasks shaded; for who minds the patient's skin."""
     figure = new_figure(9.5, 2.8)
@@ -198,7 +225,7 @@ def streams(run, qualities, *, bin_width=0.5):
     axis = figure.subplots()
     image = None
     for row, record in enumerate(run.topics):
-        flow = _flow(record.stamps, edges)
+        flow = _flow(record.stamps, edges, bin_width / LEAST_PER_BIN)
         if flow is None:
             axis.plot(record.stamps, np.full(len(record.stamps), row), '|', color=INK,
                       markersize=9)
@@ -217,15 +244,29 @@ def streams(run, qualities, *, bin_width=0.5):
         bar.outline.set_visible(False)
     return Plate('streams', figure, (
         f'Messages per {bin_width:g} s of every topic, relative to its own usual rate: grey as '
-        'usual, red too few, blue too many. Ticks: single messages of topics without a rate. '
+        'usual, red too few, blue too many. Ticks: single messages of topics that speak now and '
+        'then or in bursts. '
         "Right: mean rate and messages lost, by the publishers' sequence counters."))
 
 
-def _flow(stamps, edges):
-    """Counts per bin over the median count, or None for a topic that speaks now and then."""
+def _flow(stamps, edges, longest):
+    """Counts per bin over the median count, or None for a topic that speaks now and then.
+
+    longest : [s] silence within which half of the time lies, at most; in bursts it is longer
+    """
+    if _usual_silence(stamps) > longest:
+        return None
     counts, _ = np.histogram(stamps, edges)
     usual = np.median(counts)
     return counts / usual if usual >= 1 else None
+
+
+def _usual_silence(stamps):
+    """Silence [s] between messages that half of the time is shorter than; infinite for one."""
+    gaps = np.sort(np.diff(np.sort(stamps)))
+    if not gaps.sum() > 0.0:
+        return np.inf
+    return gaps[np.searchsorted(np.cumsum(gaps), 0.5 * gaps.sum())]
 
 
 def _stream_text(quality, periodic):

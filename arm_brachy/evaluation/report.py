@@ -64,9 +64,11 @@ def plates(run, numbers):
         drawn.append(figures.time_response(run, chunk, numbers.goals.steady_state_error))
     if run.moves and run.encoder is not None:
         drawn.append(figures.pad_travel(run))
+    if not (run.tasks or run.moves) and run.optical is not None and len(run.optical.t):
+        drawn.append(figures.marker_travel(run))
     if numbers.deformation is not None:
         drawn.append(body_view.body(run, numbers.deformed_at))
-    if run.force is not None and len(run.force):
+    if run.force is not None and run.force.values.size:
         drawn.append(figures.pad_forces(run))
     if np.isfinite(run.span()).all():
         drawn.append(figures.streams(run, numbers.streams))
@@ -88,6 +90,9 @@ def _verdict(run, numbers):
     if unknown:
         return Verdict('open', f'{len(unknown)} of {len(numbers.targets)} goals cannot be judged '
                                f'from this recording, the others are met.', detail)
+    if len(numbers.targets) == 1:
+        return Verdict('good', f'The only goal is met: {numbers.targets[0].name} '
+                               f'{numbers.targets[0].goal}.', detail)
     return Verdict('good', f'All {len(numbers.targets)} goals met.', detail)
 
 

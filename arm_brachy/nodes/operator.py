@@ -3,8 +3,9 @@
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from arm_brachy import cell as cells
 from arm_brachy import graph
-from arm_brachy.control.sequencer import Action, Sequencer, at_home
+from arm_brachy.control.sequencer import Action, at_home
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
@@ -33,11 +34,12 @@ class OperatorNode(Node):
         setup = parameters.node_setup(self)
         self._frame, self._lockstep = setup.frame, setup.lockstep
         self._tasks = setup.cell.scenario.tasks
-        self._sequencer = Sequencer(self._tasks, setup.cell.scenario.settle)
+        self._sequencer = cells.build_sequencer(setup.cell)
         self._calls = ServiceCalls(self)
-        self._goal_client = self._calls.client(SetGoal, 'mpc_manipulator/set_goal')
-        self._abort_client = self._calls.client(Trigger, 'mpc_manipulator/abort')
-        self._home_client = self._calls.client(Trigger, 'actuator_driver/home')
+        if self._tasks:     # without any it calls nobody, and waits for nobody who would serve
+            self._goal_client = self._calls.client(SetGoal, 'mpc_manipulator/set_goal')
+            self._abort_client = self._calls.client(Trigger, 'mpc_manipulator/abort')
+            self._home_client = self._calls.client(Trigger, 'actuator_driver/home')
         self._state, self._at_home, self._progress = None, False, Progress()
         ticker = Ticker(self, graph.OPERATOR, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)

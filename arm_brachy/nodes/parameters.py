@@ -60,7 +60,7 @@ def node_setup(node):
     pace = text(node, 'pace', cell.scenario.pace, 'lockstep (follow the cell clock) or wall')
     if pace not in ('lockstep', 'wall'):
         raise ConfigError(f'{node.get_name()}: pace = {pace!r}; must be lockstep or wall')
-    peers = _names(node, 'peers', list(graph.cell_of(cell.scenario)),
+    peers = _names(node, 'peers', list(graph.cell_of(cell.scenario, cell.scene.pads)),
                    'nodes that take part; each is waited for')
     absent = _names(node, 'absent', [''], 'those among peers that a replayer speaks for')
     frame = text(node, 'base_frame', 'cell_base', 'frame_id of data in the base frame')

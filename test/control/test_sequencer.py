@@ -54,8 +54,8 @@ def test_a_homing_that_never_ends_ends_the_sequence():
     assert sequencer.phase is Phase.FINISHED
 
 
-def test_without_tasks_it_is_finished_at_once():
-    assert Sequencer((), 2.0).step(0.05, False) is Action.FINISH
+def test_without_tasks_it_is_finished_after_the_rest():
+    assert play(Sequencer((), 2.0), 2.0) == [(2.0, Action.FINISH)]
 
 
 def test_time_counts_from_the_first_step():

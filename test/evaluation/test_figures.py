@@ -15,7 +15,7 @@ from arm_brachy.evaluation import (
 )
 from arm_brachy.evaluation.deformation import boundary_triangles
 from arm_brachy.evaluation.thesis import TABLE_3_1, Manipulation
-from arm_brachy.evaluation.timeseries import Series
+from arm_brachy.evaluation.timeseries import OpticalFrames, Series
 
 
 def lines_of(axis):
@@ -65,6 +65,29 @@ def test_streams_show_the_hole_as_silence(run):
     texts = [text.get_text() for text in plate.figure.axes[0].texts]
     assert '97.1 Hz, 121 lost' in texts
     assert '3 messages' in texts
+
+
+def test_bursts_of_a_slow_topic_are_no_alarm(run):
+    """Seven nodes that speak once a second at the same instant, as /diagnostics in lockstep."""
+    first, last = run.span()
+    beats = np.repeat(np.arange(first, last, 1.0), 7)
+    record = dataclasses.replace(run.topics[0], topic='/diagnostics', stamps=beats, published=None)
+    run = dataclasses.replace(run, topics=(record,))
+    axis = figures.streams(run, assess.assess(run).streams).figure.axes[0]
+    assert not axis.collections and f'{len(beats)} messages' in [t.get_text() for t in axis.texts]
+
+
+def test_markers_are_drawn_by_how_far_they_went(run):
+    t = np.linspace(0.0, 1.0, 11)
+    points = np.zeros((11, 2, 3))
+    points[:, 1, 2] = -4e-3 * t
+    visible = np.ones((11, 2), dtype=bool)
+    visible[5, 1] = False
+    run = dataclasses.replace(run, optical=OpticalFrames(t, ('still', 'falls'), points, visible))
+    drawn = lines_of(figures.marker_travel(run).figure.axes[0])
+    assert list(drawn) == ['falls', 'still'] and not drawn['still'].get_ydata().any()
+    way = drawn['falls'].get_ydata()
+    assert way[-1] == pytest.approx(4.0) and np.isnan(way[5])
 
 
 def test_body_shows_the_faces_turned_to_the_eye(run):
