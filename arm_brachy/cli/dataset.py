@@ -35,14 +35,14 @@ from arm_brachy.prove.workers import Workers
               help='Goes on where the data set in it was ended. Default: runs/dataset/SCENE.')
 @json_option
 def dataset(scene, states, seed, jobs, cluster, out, json_file):
-    """Solve for states of a SCENE's body under one or two contacts, as training data.
+    """Solve for states of a SCENE's body, to train networks on.
 
-    Each walk pushes 5 to 30 mm into the tissue in equal steps; every step is a state. The same
+    Each walk presses one or two contacts 5 to 30 mm into the tissue in equal steps; every step is a state. The same
     bytes for the same scene and seed, whoever works; may be ended and begun again at any time.
 
     \b
     Example:
-      arm-brachy dataset config/scenes/breast.yaml --states 600 --out runs/dataset/breast
+      arm-brachy dataset config/scenes/breast.yaml --states 600 --out runs/states
     """
     options = LoadOptions()
     plan = shards.DatasetPlan(str(Path(scene).resolve()), seed,
