@@ -17,6 +17,7 @@ from arm_brachy.experiments import (
     reduced_model,
     silicone_beam,
     table_3_1,
+    table_4_1,
 )
 from arm_brachy.experiments.dome_faults import study as dome_faults
 from arm_brachy.experiments.gel_block import study as gel_block
@@ -26,4 +27,4 @@ EXPERIMENTS = {module.NAME: module.reproduce
                for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig,
                              element_accuracy, reduced_model, diagnosis_study, diagnosis_time,
                              diagnosis_laboratories, dome_faults, gel_block, half_cylinder,
-                             node_errors, panda_torques)}
+                             node_errors, panda_torques, table_4_1)}
