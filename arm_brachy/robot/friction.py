@@ -1,5 +1,6 @@
 """Friction of the Panda's joints: a smooth step in velocity, zero at rest."""
 
+import numba
 import numpy as np
 
 from arm_brachy.robot import panda_parameters as panda
@@ -13,6 +14,11 @@ def joint_friction(dq):
     Valid for moving joints: it has no stiction, so a simulated joint at rest creeps under load.
     Source: Gaz et al. 2019, supplementary eq. and table IX (see `panda_parameters`).
     """
-    level, slope, shift = panda.FRICTION_LEVEL, panda.FRICTION_SLOPE, panda.FRICTION_SHIFT
+    return _friction(np.asarray(dq, dtype=float), panda.FRICTION_LEVEL, panda.FRICTION_SLOPE,
+                     panda.FRICTION_SHIFT)
+
+
+@numba.njit(cache=True)
+def _friction(dq, level, slope, shift):
     at_rest = level / (1.0 + np.exp(-slope * shift))
-    return level / (1.0 + np.exp(-slope * (np.asarray(dq) + shift))) - at_rest
+    return level / (1.0 + np.exp(-slope * (dq + shift))) - at_rest

@@ -68,8 +68,8 @@ class Arm:
 
     def pose(self, q):
         """Return (R_BE (3, 3), p_BE (3,) [m]) of the end effector at joint angles q (n,)."""
-        R, p = _frames(self.dh, np.asarray(q, dtype=float))
-        return R[-1], p[-1] + R[-1] @ self.tip
+        R, p = frames(self.dh, np.asarray(q, dtype=float))
+        return R[-1], end_effector(R, p, self.tip)
 
     def jacobian(self, q):
         """Return J (6, n): linear, then angular velocity of the end effector, base frame."""
@@ -77,8 +77,8 @@ class Arm:
 
     def torque(self, q, dq, ddq):
         """Return the joint torques (n,) [N m] that make ddq happen, gravity carried."""
-        return _newton_euler(self.dh, self.mass, self.centre, self.inertia, self.gravity,
-                             *(np.asarray(v, dtype=float) for v in (q, dq, ddq)))
+        return newton_euler(self.dh, self.mass, self.centre, self.inertia, self.gravity,
+                            *(np.asarray(v, dtype=float) for v in (q, dq, ddq)))
 
     def gravity_torque(self, q):
         """Return g (n,) [N m], what holds the arm still."""
@@ -87,9 +87,9 @@ class Arm:
 
     def coriolis_torque(self, q, dq):
         """Return C(q, dq) dq (n,) [N m]."""
-        return _newton_euler(self.dh, self.mass, self.centre, self.inertia, np.zeros(3),
-                             np.asarray(q, dtype=float), np.asarray(dq, dtype=float),
-                             np.zeros(len(self.mass)))
+        return newton_euler(self.dh, self.mass, self.centre, self.inertia, np.zeros(3),
+                            np.asarray(q, dtype=float), np.asarray(dq, dtype=float),
+                            np.zeros(len(self.mass)))
 
     def mass_matrix(self, q):
         """Return M (n, n) [kg m2], symmetric positive definite."""
@@ -102,75 +102,170 @@ def steiner(mass, offset):
     return mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
 
 
+# Loops over three components: a call of BLAS or of np.cross costs more than the arithmetic.
+
 @numba.njit(cache=True)
-def _step(dh, angle):
-    """Rotation and origin of a frame in the one before."""
+def _cross(a, b, out):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@numba.njit(cache=True)
+def _turn(R, v, out):
+    for i in range(3):
+        out[i] = R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2]
+
+
+@numba.njit(cache=True)
+def _turn_back(R, v, out):
+    for i in range(3):
+        out[i] = R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2]
+
+
+@numba.njit(cache=True)
+def _step(dh, angle, R, p):
+    """Write rotation (3, 3) and origin (3,) of a frame in the one before."""
     ca, sa, ct, st = np.cos(dh[1]), np.sin(dh[1]), np.cos(angle), np.sin(angle)
-    R = np.array([[ct, -st, 0.0], [st * ca, ct * ca, -sa], [st * sa, ct * sa, ca]])
-    return R, np.array([dh[0], -sa * dh[2], ca * dh[2]])
+    R[0, 0], R[0, 1], R[0, 2] = ct, -st, 0.0
+    R[1, 0], R[1, 1], R[1, 2] = st * ca, ct * ca, -sa
+    R[2, 0], R[2, 1], R[2, 2] = st * sa, ct * sa, ca
+    p[0], p[1], p[2] = dh[0], -sa * dh[2], ca * dh[2]
 
 
 @numba.njit(cache=True)
-def _frames(dh, q):
+def frames(dh, q):
+    """Return R (n, 3, 3), p (n, 3) [m] of the link frames in the base frame."""
     n = len(q)
     R, p = np.empty((n, 3, 3)), np.empty((n, 3))
-    R_before, p_before = np.eye(3), np.zeros(3)
-    for i in range(n):
-        R_step, p_step = _step(dh[i], q[i])
-        p[i] = p_before + R_before @ p_step
-        R[i] = R_before @ R_step
-        R_before, p_before = R[i], p[i]
+    R_step, p_step = np.empty((3, 3)), np.empty(3)
+    for k in range(n):
+        _step(dh[k], q[k], R_step, p_step)
+        if k == 0:
+            R[0], p[0] = R_step, p_step
+            continue
+        _turn(R[k - 1], p_step, p[k])
+        for i in range(3):
+            p[k, i] += p[k - 1, i]
+            for j in range(3):
+                R[k, i, j] = (R[k - 1, i, 0] * R_step[0, j] + R[k - 1, i, 1] * R_step[1, j]
+                              + R[k - 1, i, 2] * R_step[2, j])
     return R, p
 
 
 @numba.njit(cache=True)
-def _jacobian(dh, tip, q):
-    R, p = _frames(dh, q)
-    end = p[-1] + R[-1] @ tip
-    J = np.empty((6, len(q)))
-    for i in range(len(q)):
-        axis = R[i, :, 2]
-        J[:3, i] = np.cross(axis, end - p[i])
-        J[3:, i] = axis
+def point_jacobian(R, p, point, n):
+    """Return (6, 7) or so: velocity and angular velocity of a point fixed to link n - 1.
+
+    R, p : as `frames` returns them;  point : (3,) [m] base frame. Columns from n on are zero.
+    """
+    J, arm, column = np.zeros((6, len(p))), np.empty(3), np.empty(3)
+    for i in range(n):
+        for k in range(3):
+            arm[k] = point[k] - p[i, k]
+            J[3 + k, i] = R[i, k, 2]
+        _cross(J[3:, i], arm, column)
+        for k in range(3):
+            J[k, i] = column[k]
     return J
 
 
 @numba.njit(cache=True)
-def _newton_euler(dh, mass, centre, inertia, gravity, q, dq, ddq):
+def end_effector(R, p, tip):
+    """Return where `tip` (3,) of the last frame is, base frame."""
+    out = np.empty(3)
+    _turn(R[-1], tip, out)
+    for k in range(3):
+        out[k] += p[-1, k]
+    return out
+
+
+@numba.njit(cache=True)
+def _jacobian(dh, tip, q):
+    R, p = frames(dh, q)
+    return point_jacobian(R, p, end_effector(R, p, tip), len(q))
+
+
+@numba.njit(cache=True)
+def newton_euler(dh, mass, centre, inertia, gravity, q, dq, ddq):
+    """Return the joint torques (n,) of `Arm.torque`."""
     n = len(q)
     R, p = np.empty((n, 3, 3)), np.empty((n, 3))
     force, moment = np.empty((n, 3)), np.empty((n, 3))
     w, dw, a = np.zeros(3), np.zeros(3), -gravity
+    w_next, dw_next = np.empty(3), np.empty(3)
+    u, v, at = np.empty(3), np.empty(3), np.empty(3)
     for i in range(n):  # outward: motion of each link, in its own frame
-        R[i], p[i] = _step(dh[i], q[i])
-        down = R[i].T
-        a = down @ (np.cross(dw, p[i]) + np.cross(w, np.cross(w, p[i])) + a)
-        carried = down @ w
-        dw = down @ dw + np.cross(carried, np.array([0.0, 0.0, dq[i]]))
-        dw[2] += ddq[i]
-        w = carried
-        w[2] += dq[i]
-        c = centre[i]
-        force[i] = mass[i] * (np.cross(dw, c) + np.cross(w, np.cross(w, c)) + a)
-        moment[i] = inertia[i] @ dw + np.cross(w, inertia[i] @ w)
+        _step(dh[i], q[i], R[i], p[i])
+        _cross(w, p[i], u)
+        _cross(w, u, v)
+        _cross(dw, p[i], u)
+        for k in range(3):
+            at[k] = u[k] + v[k] + a[k]
+        _turn_back(R[i], at, a)
+        _turn_back(R[i], w, w_next)
+        _turn_back(R[i], dw, dw_next)
+        dw_next[0] += w_next[1] * dq[i]     # w x (0, 0, dq)
+        dw_next[1] -= w_next[0] * dq[i]
+        dw_next[2] += ddq[i]
+        w_next[2] += dq[i]
+        for k in range(3):
+            w[k], dw[k] = w_next[k], dw_next[k]
+        _cross(w, centre[i], u)
+        _cross(w, u, v)
+        _cross(dw, centre[i], u)
+        for k in range(3):
+            force[i, k] = mass[i] * (u[k] + v[k] + a[k])
+        _turn(inertia[i], w, u)
+        _cross(w, u, v)
+        _turn(inertia[i], dw, u)
+        for k in range(3):
+            moment[i, k] = u[k] + v[k]
     f, m, torque = np.zeros(3), np.zeros(3), np.empty(n)
     for i in range(n - 1, -1, -1):  # inward: what each joint has to carry
         if i < n - 1:
-            f_carried = R[i + 1] @ f
-            m = R[i + 1] @ m + np.cross(p[i + 1], f_carried)
-            f = f_carried
-        m = m + moment[i] + np.cross(centre[i], force[i])
-        f = f + force[i]
+            _turn(R[i + 1], f, u)
+            _turn(R[i + 1], m, at)
+            _cross(p[i + 1], u, v)
+            for k in range(3):
+                f[k], m[k] = u[k], at[k] + v[k]
+        _cross(centre[i], force[i], u)
+        for k in range(3):
+            m[k] += moment[i, k] + u[k]
+            f[k] += force[i, k]
         torque[i] = m[2]
     return torque
 
 
 @numba.njit(cache=True)
-def _mass_matrix(dh, mass, centre, inertia, q):
-    n = len(q)
-    M, rest, still = np.empty((n, n)), np.zeros(n), np.zeros(3)
+def mass_matrix(R, p, mass, centre, inertia):
+    """Return M (n, n): the kinetic energy of each link through its own Jacobian.
+
+    R, p : as `frames` returns them
+    """
+    n = len(mass)
+    M, at = np.zeros((n, n)), np.empty(3)
+    turned = np.empty((3, n))
+    for link in range(n):
+        _turn(R[link], centre[link], at)
+        for k in range(3):
+            at[k] += p[link, k]
+        J = point_jacobian(R, p, at, link + 1)
+        for i in range(link + 1):
+            _turn_back(R[link], J[3:, i], at)
+            _turn(inertia[link], at, turned[:, i])
+            _turn(R[link], turned[:, i].copy(), turned[:, i])
+        for i in range(link + 1):
+            for j in range(i + 1):
+                for k in range(3):
+                    M[i, j] += mass[link] * J[k, i] * J[k, j] + J[3 + k, i] * turned[k, j]
     for i in range(n):
-        unit = np.zeros(n)
-        unit[i] = 1.0
-        M[:, i] = _newton_euler(dh, mass, centre, inertia, still, q, rest, unit)
-    return 0.5 * (M + M.T)
+        for j in range(i):
+            M[j, i] = M[i, j]
+    return M
+
+
+@numba.njit(cache=True)
+def _mass_matrix(dh, mass, centre, inertia, q):
+    R, p = frames(dh, q)
+    return mass_matrix(R, p, mass, centre, inertia)

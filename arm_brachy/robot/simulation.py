@@ -40,6 +40,10 @@ class ArmSimulation:
                                                flags=pybullet.URDF_USE_INERTIA_FROM_FILE)
         self._joints = list(range(panda.JOINTS))
         self._free(q)
+        # Looked up once: the client makes a new function object at each access.
+        self._read = self._bullet.getJointStates
+        self._drive = self._bullet.setJointMotorControlArray
+        self._advance = self._bullet.stepSimulation
 
     def _free(self, q):
         """No damping, no velocity motors, which PyBullet has by default; joints at q."""
@@ -53,8 +57,8 @@ class ArmSimulation:
 
     def state(self):
         """Return (q (7,) [rad], dq (7,) [rad/s])."""
-        joints = self._bullet.getJointStates(self._body, self._joints)
-        return np.array([j[0] for j in joints]), np.array([j[1] for j in joints])
+        joints = np.array([j[:2] for j in self._read(self._body, self._joints)])
+        return joints[:, 0].copy(), joints[:, 1].copy()
 
     def step(self, torque, wrench=None):
         """Advance by one period.
@@ -68,9 +72,8 @@ class ArmSimulation:
             applied -= joint_friction(dq)
         if wrench is not None:
             applied += self._arm.jacobian(q).T @ wrench
-        self._bullet.setJointMotorControlArray(
-            self._body, self._joints, pybullet.TORQUE_CONTROL, forces=applied)
-        self._bullet.stepSimulation()
+        self._drive(self._body, self._joints, pybullet.TORQUE_CONTROL, forces=applied)
+        self._advance()
 
     def mass_matrix(self, q):
         """M (7, 7) [kg m2] as PyBullet has it."""
