@@ -1,0 +1,118 @@
+"""The guide template: holes of a square grid, and where they appear in the ultrasound image.
+
+Frame T of the template: origin in the middle hole, x and y along its columns and rows, z along
+the needles. Image frame U: pixels, u along the transducer's elements from the left edge, v with
+depth from the face.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.core.errors import InputError
+from arm_brachy.core.quantity import quantity
+
+_GRAZING = 1e-3      # cosine of needles to the plane's normal, below which they run along it
+
+
+@dataclass(frozen=True)
+class TemplateParams:
+    """A template of the kind used in brachytherapy."""
+
+    columns: int = 13
+    rows: int = 13
+    pitch: float = quantity(5.0, 'mm', 'between holes', low=1.0, high=20.0,
+                            source='usual template of prostate and breast brachytherapy')
+
+
+@dataclass(frozen=True)
+class ImageGeometry:
+    """A rectangular image of a linear probe.
+
+    width, height : pixels;  scale : (2,) [pixel/m] along the elements and with depth
+    """
+
+    width: int
+    height: int
+    scale: tuple
+
+
+def base_to_image(R, p, image):
+    """Return the (4, 4) matrix that takes homogeneous points of B to (u, v, distance, 1).
+
+    R, p : pose of the probe in the base frame;  image : ImageGeometry
+    The distance [m] is that from the image plane. Scaling comes last: S B A, with A the
+    translation to the probe, B the rotation into its frame, S the scaling to pixels and the shift
+    to the image's corner. (6.10) prints A B C, which scales base coordinates before they are
+    turned: wrong for any pose whose axes are not those of the base.
+    """
+    A, B, S = np.eye(4), np.eye(4), np.zeros((4, 4))
+    A[:3, 3] = -np.asarray(p)
+    B[:3, :3] = R.T
+    S[0, 0], S[0, 3] = image.scale[0], 0.5 * (image.width - 1)
+    S[1, 2] = image.scale[1]
+    S[2, 1] = S[3, 3] = 1.0
+    return S @ B @ A
+
+
+def pixels(matrix, points):
+    """Return (k, 3): u, v [pixel], distance from the plane [m] of points (k, 3) [m] in B."""
+    points = np.atleast_2d(points)
+    return (np.column_stack([points, np.ones(len(points))]) @ matrix.T)[:, :3]
+
+
+class Template:
+    """A template in its place.
+
+    params : TemplateParams;  R, p : its pose in the base frame, (3, 3) and (3,) [m]
+    """
+
+    def __init__(self, params, R, p):
+        """Set it up; see the class."""
+        self.params, self.R, self.p = params, np.array(R, float), np.array(p, float)
+
+    @property
+    def axis(self):
+        """(3,) unit vector along the needles, base frame."""
+        return self.R[:, 2]
+
+    def hole(self, column, row):
+        """Return where a hole is (3,) [m], base frame; (0, 0) is the first of each.
+
+        Raises InputError for a hole that the template does not have.
+        """
+        for name, value, count in (('column', column, self.params.columns),
+                                   ('row', row, self.params.rows)):
+            if not 0 <= value < count:
+                raise InputError(f'template: {name} = {value}; must be 0 to {count - 1}')
+        return self.p + self.R @ self._local(column, row)
+
+    def _local(self, column, row):
+        middle = np.array([self.params.columns - 1, self.params.rows - 1]) / 2.0
+        x, y = self.params.pitch * (np.array([column, row]) - middle)
+        return np.array([x, y, 0.0])
+
+    def nearest(self, point):
+        """Return (column, row) of the hole whose axis passes nearest to a point (3,) [m]."""
+        local = self.R.T @ (np.asarray(point, dtype=float) - self.p)
+        middle = np.array([self.params.columns - 1, self.params.rows - 1]) / 2.0
+        found = np.round(local[:2] / self.params.pitch + middle).astype(int)
+        most = [self.params.columns - 1, self.params.rows - 1]
+        return tuple(int(k) for k in np.clip(found, 0, most))
+
+    def in_image(self, R, p, image):
+        """Return where the axes of all holes pierce the image plane, (columns, rows, 2) [pixel].
+
+        R, p : pose of the probe;  image : ImageGeometry. Holes outside the picture are given too.
+        Raises InputError if the needles run along the image plane.
+        """
+        normal = R[:, 1]
+        slope = normal @ self.axis
+        if abs(slope) < _GRAZING:
+            raise InputError('template: its needles run along the image plane; must cross it: '
+                             'turn the probe across the needles')
+        holes = np.array([[self.hole(i, j) for j in range(self.params.rows)]
+                          for i in range(self.params.columns)])
+        along = ((p - holes) @ normal / slope)[..., None]
+        at = pixels(base_to_image(R, p, image), (holes + along * self.axis).reshape(-1, 3))
+        return at[:, :2].reshape(self.params.columns, self.params.rows, 2)
