@@ -17,6 +17,14 @@ class Outcome(Enum):
     REJECTED = 'the input was refused and ignored; see the message'
     DEPARTED = 'the cell departs from its model; record a push and run arm-brachy diagnose'
     HELD = 'held on request or by the safety state'
+    TOO_FEW_MARKERS = 'too few markers are seen; clear the line of sight of the optical tracker'
+    MARKERS_REJECTED = 'markers were left out of the estimate; the message names them'
+    MARKERS_SWAPPED = "markers carried each other's label and were put right; relabel them"
+    LOST_REGISTRATION = ("the optical tracker's frame is not known; show it three markers of base "
+                         'or pads')
+    WRONG_SCENE = 'the markers are not those of the scene; give the scene of this body'
+    NOT_POSITIVE_DEFINITE = ('a covariance is not positive definite and the estimate is withheld; '
+                             'reset the estimator and report the recording')
 
     @property
     def ok(self):
