@@ -4,6 +4,7 @@ The nodes and the in-process loop build what they need here and nowhere else, so
 the same objects. Nothing here knows ROS.
 """
 
+import importlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,9 @@ from arm_brachy.devices.actuator_driver import load_driver
 from arm_brachy.devices.em_tracker import EmTracker
 from arm_brachy.devices.force_sensor import ForceSensor
 from arm_brachy.devices.optical_tracker import OpticalTracker
-from arm_brachy.tissue.build import build_body, placement_mesh
+from arm_brachy.estimation.live import LiveEstimator
+from arm_brachy.estimation.marker_motion import MarkerMotion
+from arm_brachy.tissue.build import build_body, load_scene_mesh, placement_mesh
 from arm_brachy.tissue.contact_poses import ridden
 from arm_brachy.tissue.mesh import boundary_faces, embed, interpolate, rotations
 from arm_brachy.tissue.newton import NewtonOptions
@@ -209,6 +212,45 @@ def build_force_sensor(cell, params):
                        stream(cell.scenario.seed, 'force_sensor'))
 
 
+# Imported when one is built: a network would cost every process a second and 200 MB.
+ESTIMATORS = {
+    'kf_admm': 'arm_brachy.estimation.kf_admm',
+    'graph_vae': 'arm_brachy.estimation.graph_vae.estimator',
+    'map': 'arm_brachy.estimation.map',
+    'pod': 'arm_brachy.estimation.pod',
+}
+
+
+def build_estimator(cell, name):
+    """A LiveEstimator on the model side of the cell: markers and encoders in, all targets out.
+
+    name : key of ESTIMATORS. Raises ConfigError for a scene without targets or markers on tissue.
+    """
+    scene, terms = cell.model, registry.split(cell.model_terms)[Stage.BODY]
+    targets = tuple(t.name for t in scene.targets)
+    motion = MarkerMotion(scene, terms)
+    markers = tuple(n for n, there in zip(motion.names, motion.on_tissue, strict=True) if there)
+    params = cell.scenario.estimation
+    if not targets or len(markers) < params.fewest:
+        raise ConfigError(f'{cell.path}: scene {scene.name} has {len(targets)} targets and '
+                          f'{len(markers)} markers on tissue; {name}_estimator needs a target and '
+                          f'{params.fewest:g} markers')
+    estimator = importlib.import_module(ESTIMATORS[name]).build(
+        scene, terms, targets, markers, getattr(cell.scenario, name, None))
+    optical = cell.scenario.optical
+    tracker = optical.noise / np.sqrt(3.0), optical.calibration_error / np.sqrt(3.0)
+    mesh = getattr(estimator, 'mesh', None)   # most estimate on the model's own
+    return LiveEstimator(estimator, motion, params, tracker,
+                         load_scene_mesh(scene) if mesh is None else mesh)
+
+
+def heard_targets(cell):
+    """Targets that the manipulator hears of: with an EM sensor, or those of an estimator."""
+    if cell.scenario.feedback == 'em':
+        return cell.em_tools
+    return tuple(t.name for t in cell.scene.targets)
+
+
 def build_controller(cell):
     """The manipulator on the model side of the cell."""
     pads, params = cell.scene.pads, cell.scenario.control
@@ -216,7 +258,7 @@ def build_controller(cell):
     strokes = np.array([p.stroke for p in pads])
     manipulator = Manipulator(params, model, strokes, cell.scenario.actuators.max_speed,
                               [p.name for p in pads])
-    return Pursuit(manipulator, model, cell.em_tools, strokes, [p.name for p in pads])
+    return Pursuit(manipulator, model, heard_targets(cell), strokes, [p.name for p in pads])
 
 
 def build_protocol(cell):

@@ -77,9 +77,37 @@ MODEL_TOPOLOGY = Topic('model/mesh/topology', 'arm_brachy_msgs/msg/MeshTopology'
 MODEL_POSITIONS = Topic('model/mesh/positions', 'arm_brachy_msgs/msg/MeshPositions',
                         "the model's nodes")
 
+# Ways to see inside the tissue from markers and encoders; the node is `<name>_estimator`.
+ESTIMATORS = ('kf_admm', 'graph_vae', 'map', 'pod')
+FEEDBACKS = ('em', *ESTIMATORS)   # what the manipulator may hear a target from
+
+
+def estimate(name):
+    """Topic template of what an estimator says of each target."""
+    return Topic(f'estimate/{name}/{{target}}', 'geometry_msgs/msg/PoseWithCovarianceStamped',
+                 'where a target is, and its covariance; stamp = acquisition; absent while the '
+                 'estimator cannot say')
+
+
+def estimate_topology(name):
+    """Topic of an estimator's mesh at rest."""
+    return Topic(f'estimate/{name}/mesh/topology', 'arm_brachy_msgs/msg/MeshTopology',
+                 "the estimator's mesh at rest", 1, latched=True)
+
+
+def estimate_positions(name):
+    """Topic of an estimator's nodes."""
+    return Topic(f'estimate/{name}/mesh/positions', 'arm_brachy_msgs/msg/MeshPositions',
+                 "the estimator's nodes")
+
+
+ESTIMATES = tuple(estimate(name) for name in ESTIMATORS)
+
 TOPICS = (CLOCK, TICK_DONE, SAFETY, TASK, OUTCOME, DIAGNOSTICS, TF, COMMAND, ACTUATORS,
           EM_POSE, EM_STATUS, OPTICAL, WRENCH, MANIPULATION, TRUTH_PADS, TRUTH_POINTS,
-          TRUTH_TOPOLOGY, TRUTH_POSITIONS, MODEL_POINTS, MODEL_TOPOLOGY, MODEL_POSITIONS)
+          TRUTH_TOPOLOGY, TRUTH_POSITIONS, MODEL_POINTS, MODEL_TOPOLOGY, MODEL_POSITIONS,
+          *(topic(name) for name in ESTIMATORS
+            for topic in (estimate, estimate_topology, estimate_positions)))
 
 
 @dataclass(frozen=True)
@@ -131,11 +159,32 @@ OPTICAL_TRACKER = NodeSpec(
 FORCE_SENSOR = NodeSpec(
     'force_sensor', 'one force-torque sensor behind each pad',
     publishes=(WRENCH, *EVERYWHERE), subscribes=(TRUTH_POINTS,), same=('tissue_simulator',))
+
+
+def _estimator(name, text):
+    return NodeSpec(
+        f'{name}_estimator', text,
+        publishes=(estimate(name), estimate_topology(name), estimate_positions(name),
+                   *EVERYWHERE),
+        subscribes=(OPTICAL, ACTUATORS), same=('optical_tracker', 'actuator_driver'))
+
+
+KF_ADMM_ESTIMATOR = _estimator(
+    'kf_admm', 'targets inside the tissue from markers and encoders: Kalman filter within ADMM')
+GRAPH_VAE_ESTIMATOR = _estimator(
+    'graph_vae', 'the same by ensemble smoothing in the latent space of a graph network')
+MAP_ESTIMATOR = _estimator(
+    'map', 'the same by Gauss-Newton smoothing of loads and moduli of the reduced model')
+POD_ESTIMATOR = _estimator(
+    'pod', 'the same by a Gaussian prior over modes of deformation, in closed form')
+ESTIMATOR_NODES = (KF_ADMM_ESTIMATOR, GRAPH_VAE_ESTIMATOR, MAP_ESTIMATOR, POD_ESTIMATOR)
+
 MPC_MANIPULATOR = NodeSpec(
     'mpc_manipulator', 'pushes the tissue so that a target meets its goal',
     publishes=(COMMAND, MANIPULATION, *EVERYWHERE),
-    subscribes=(ACTUATORS, EM_POSE, SAFETY),
-    same=('actuator_driver', 'em_tracker'), previous=('supervisor', 'operator'),
+    subscribes=(ACTUATORS, EM_POSE, *ESTIMATES, SAFETY),
+    same=('actuator_driver', 'em_tracker', *(n.name for n in ESTIMATOR_NODES)),
+    previous=('supervisor', 'operator'),
     services=('~/set_goal', '~/abort', '~/hold'))
 OPERATOR = NodeSpec(
     'operator', "plays the clinician: sets the scenario's goals, sends the pads home",
@@ -159,18 +208,18 @@ RECORDER = NodeSpec(
     'recorder', 'writes every topic to an MCAP bag as raw bytes',
     subscribes=tuple(t for t in TOPICS if t is not CLOCK and t is not TICK_DONE),
     same=('actuator_driver', 'tissue_simulator', 'tissue_model', 'em_tracker', 'optical_tracker',
-          'force_sensor', 'mpc_manipulator', 'operator', 'push_protocol', 'supervisor',
-          'mismatch_monitor'))
+          'force_sensor', *(n.name for n in ESTIMATOR_NODES), 'mpc_manipulator', 'operator',
+          'push_protocol', 'supervisor', 'mismatch_monitor'))
 
 NODES = (CELL_CLOCK, ACTUATOR_DRIVER, TISSUE_SIMULATOR, TISSUE_MODEL, EM_TRACKER, OPTICAL_TRACKER,
-         FORCE_SENSOR, MPC_MANIPULATOR, OPERATOR, PUSH_PROTOCOL, SUPERVISOR, MISMATCH_MONITOR,
-         RECORDER)
+         FORCE_SENSOR, *ESTIMATOR_NODES, MPC_MANIPULATOR, OPERATOR, PUSH_PROTOCOL, SUPERVISOR,
+         MISMATCH_MONITOR, RECORDER)
 REPLAYER = 'replayer'  # stands in for the clock and for absent nodes; it is no part of a cell
 COMPARISON = (TISSUE_MODEL, MISMATCH_MONITOR)   # run beside a cell, or on a recording
-# A full run of a scenario with tasks, and of one with moves.
-CELL = tuple(n.name for n in NODES if n not in (*COMPARISON, PUSH_PROTOCOL))
-PROBING_CELL = tuple(n.name for n in NODES
-                     if n not in (*COMPARISON, MPC_MANIPULATOR, OPERATOR))
+# A full run of a scenario with tasks that hears the EM tracker, and of one with moves.
+CELL = tuple(n.name for n in NODES if n not in (*COMPARISON, *ESTIMATOR_NODES, PUSH_PROTOCOL))
+PROBING_CELL = tuple(n.name for n in NODES if n not in (
+    *COMPARISON, *ESTIMATOR_NODES, MPC_MANIPULATOR, OPERATOR))
 PUSHING = (ACTUATOR_DRIVER, FORCE_SENSOR, MPC_MANIPULATOR)  # nothing to do without a pad
 
 
@@ -178,9 +227,21 @@ def cell_of(scenario, pads=True):
     """Names of the nodes that a full run of a Scenario takes, in table order.
 
     pads : the pads of its scene; empty or False for a body that nothing pushes
+    Where the manipulator hears an estimator there is no sensor inside the tissue: no em_tracker.
     """
-    names = PROBING_CELL if scenario.moves else CELL
-    return names if pads else tuple(n for n in names if n not in {p.name for p in PUSHING})
+    wanted = set(PROBING_CELL if scenario.moves else CELL)
+    wanted |= {f'{name}_estimator' for name in estimators_of(scenario)}
+    if not scenario.moves and scenario.feedback != 'em':
+        wanted.discard(EM_TRACKER.name)
+    if not pads:
+        wanted -= {n.name for n in PUSHING}
+    return tuple(n.name for n in NODES if n.name in wanted)
+
+
+def estimators_of(scenario):
+    """Estimators that run in a Scenario: what the manipulator hears, and those beside it."""
+    heard = () if scenario.moves or scenario.feedback == 'em' else (scenario.feedback,)
+    return tuple(name for name in ESTIMATORS if name in (*heard, *scenario.estimators))
 
 
 def conductor_of(scenario):
@@ -198,11 +259,11 @@ def readers(topic_name, peers):
     return tuple(n.name for n in NODES if n.name in peers and n.hears(topic_name))
 
 
-def instances(tools, pads):
-    """Every topic that the recorder keeps, with templates filled in by EM tools and pads."""
+def instances(tools, pads, targets=()):
+    """Every topic that the recorder keeps, templates filled in by EM tools, pads and targets."""
     out = []
     for topic in RECORDER.subscribes:
-        names = {'{tool}': tools, '{pad}': pads}
+        names = {'{tool}': tools, '{pad}': pads, '{target}': targets}
         field = next((f for f in names if f in topic.name), None)
         out += [topic] if field is None else [topic.at(**{field.strip('{}'): n})
                                               for n in names[field]]

@@ -1,7 +1,7 @@
 """The cell in one process, without ROS: the objects of the lockstep graph, in its order.
 
-Within a tick data flow downstream: actuators, tissue, sensors, controller, operator, supervisor;
-of a scenario with moves the push protocol stands for controller and operator.
+Within a tick data flow downstream: actuators, tissue, sensors, estimators, controller, operator,
+supervisor; of a scenario with moves the push protocol stands for controller and operator.
 Feedback is one tick late, as the table in `graph` says (`NodeSpec.previous`): commands,
 permissions and what pushes back on the pads act in the tick after the one that made them. A
 service that is called (goal, abort, homing) is served within its tick. Scenario and seed
@@ -16,6 +16,7 @@ from contextlib import suppress
 import numpy as np
 
 from arm_brachy import cell as cells
+from arm_brachy import graph
 from arm_brachy.control import push_protocol
 from arm_brachy.control.goal import Goal, GoalKind
 from arm_brachy.control.safety import Permission, Safety
@@ -33,8 +34,9 @@ SENSORS = ('em', 'optical', 'force')
 def run(cell, *, sensors=('em',), go_home=True):
     """Run a scenario from the first tick until all is over and the pads are home.
 
-    cell : scenario.Cell;  sensors : which of SENSORS take part. Without 'force' nobody watches
-    the force limit, which makes no difference to a run that stays below it.
+    cell : scenario.Cell;  sensors : which of SENSORS take part. With an estimator as feedback
+    there is no EM tracker, and where estimators run the optical tracker does. Without 'force'
+    nobody watches the force limit, which makes no difference to a run that stays below it.
     go_home : False ends the run with the last task or move
     Returns evaluation.timeseries.RunData. Raises ConfigError for a sensor or driver it cannot run.
     Test: closed_loop/test_inprocess.py
@@ -51,6 +53,7 @@ class InProcess:
     t : [s] of the last tick;  finished : all is over and the pads are home
     driver, body, tracker, safety : the parts, as in the graph;  control, sequencer : of tasks
     protocol : of moves;  the other two or one are None, control without pads too
+    estimators : name -> LiveEstimator
     step : the last ManipulatorStep, None before the first
     """
 
@@ -59,7 +62,7 @@ class InProcess:
         for unknown in set(sensors) - set(SENSORS):
             raise ConfigError(f'sensor {unknown!r}; must be among {", ".join(SENSORS)}')
         scenario = cell.scenario
-        self._cell, self._sensors = cell, tuple(sensors)
+        self._cell, self._sensors = cell, _taking_part(scenario, sensors)
         self._pads = tuple(p.name for p in cell.scene.pads)
         self._directions = cells.pad_directions(cell.plant)
         self.driver = _simulated_driver(cell)
@@ -67,6 +70,8 @@ class InProcess:
         self.tracker = cells.build_em_tracker(cell, scenario.em)
         self.optical = cells.build_optical_tracker(cell, scenario.optical)
         self.force = cells.build_force_sensor(cell, scenario.force)
+        self.estimators = {name: cells.build_estimator(cell, name)
+                           for name in graph.estimators_of(scenario)}
         self.safety = Safety(scenario.limits.pad_force)
         self.control = self.sequencer = self.protocol = None
         if scenario.moves:
@@ -106,7 +111,8 @@ class InProcess:
         self._log.note('tissue_simulator', reading.outcome)
         self._log.add('points', self.t, reading.points)
         heard = self._sense_target(reading)
-        self._sense_rest(reading)
+        frames = self._sense_rest(reading)
+        heard += self._estimate(state, frames)
         self._effort = cells.push_back(reading.pad_force, self._directions)
         if self.protocol is not None:
             self._push(state)
@@ -178,17 +184,40 @@ class InProcess:
         return heard
 
     def _sense_rest(self, reading):
+        """Let the other sensors look; returns the optical frames that were delivered."""
+        frames = []
         if 'optical' in self._sensors:
-            for frame in cells.optical_samples(self.optical, self._feeds['optical'], reading):
+            frames = cells.optical_samples(self.optical, self._feeds['optical'], reading)
+            for frame in frames:
                 self._log.add('optical', _stamp(frame), frame.points)
                 self._log.add('visible', _stamp(frame), frame.visible)
         if 'force' in self._sensors:
             for sample in cells.force_samples(self.force, self._feeds['force'], reading):
                 self._log.add(('force', sample.pad), _stamp(sample), sample.force)
                 self.safety.force(sample.pad, sample.force)
+        return frames
+
+    def _estimate(self, state, frames):
+        """Let the estimators work; returns what the one heard says, as `_sense_target`."""
+        heard = []
+        for name, live in self.estimators.items():
+            live.feel(self.t, state.q)
+            for frame in frames:
+                live.see(_stamp(frame), frame.ids, frame.points)
+            step = live.step(self.t)
+            if step is None:
+                continue
+            self._log.note(f'{name}_estimator', step.outcome, step.message)
+            if step.estimate is not None:
+                self._log.estimate(name, step.estimate)
+                if name == self._cell.scenario.feedback:
+                    t = round(step.estimate.t * 1e9) * 1e-9
+                    heard += [(target, t, point) for target, point in zip(
+                        step.estimate.targets, step.estimate.points, strict=True)]
+        return heard
 
     def _steer(self, state, heard):
-        for tool in self._cell.em_tools:
+        for tool in cells.heard_targets(self._cell):
             for _, t, position in (h for h in heard if h[0] == tool):
                 self.control.hear(tool, t, position)
         self.control.feel(state.q)
@@ -255,6 +284,16 @@ class InProcess:
             return str(refusal)
         self._command = None  # under way when the pads were sent home: outdated
         return ''
+
+
+def _taking_part(scenario, sensors):
+    """Sensors (tuple) of a run; without one in the tissue where an estimator is the feedback."""
+    wanted = set(sensors)
+    if graph.estimators_of(scenario):
+        wanted.add('optical')
+    if graph.EM_TRACKER.name not in graph.cell_of(scenario):
+        wanted.discard('em')
+    return tuple(name for name in SENSORS if name in wanted)
 
 
 def _simulated_driver(cell):

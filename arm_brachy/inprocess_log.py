@@ -14,6 +14,7 @@ from arm_brachy.evaluation.timeseries import (
     OpticalFrames,
     RunData,
     Series,
+    TargetEstimates,
 )
 from arm_brachy.offline import with_scene
 from arm_brachy.scenario import bundle
@@ -35,6 +36,13 @@ class RunLog:
     def add(self, signal, t, value):
         """Append one sample at t [s]."""
         self._samples[signal].append((t, value))
+
+    def estimate(self, name, estimate):
+        """Append what an estimator said (Estimate) of each target."""
+        t = round(estimate.t * 1e9) * 1e-9
+        for target, point, covariance in zip(estimate.targets, estimate.points,
+                                             estimate.covariance, strict=True):
+            self.add(('estimate', name, target), t, np.vstack([point, covariance]))
 
     def note(self, source, outcome, message=''):
         """Count an outcome when it changes, as the nodes publish it."""
@@ -59,11 +67,12 @@ class RunLog:
         found = RunData(
             name=scenario.name, scenario=bundle(self._cell)['scenario.yaml'], seed=scenario.seed,
             commit=origin['commit'], machine=origin['machine'], recorded_at=origin['start'],
+            feedback=scenario.feedback,
             tasks=tuple(self.windows), tasks_planned=len(scenario.tasks) or None,
             moves=move_windows(self.events), moves_planned=len(scenario.moves) or None,
             truth=truth, em=self._em(), encoder=self._series('encoder'), encoder_pads=self._pads,
             command_position=self._series('command'), pad_displacement=self._series('pads'),
-            optical=self._optical(), force=forces,
+            optical=self._optical(), force=forces, estimates=self._estimates(),
             force_pads=() if forces is None else tuple(sorted(self._pads)),
             outcomes=tuple(NodeOutcome(*key, n, self._said[key])
                            for key, n in sorted(self._outcomes.items())))
@@ -79,6 +88,14 @@ class RunLog:
         found = {tool: self._series(('em', tool)) for tool in self._cell.em_tools}
         return {tool: EmSamples(s.t, s.values[:, :3], s.values[:, 3], s.values[:, 4].astype(int))
                 for tool, s in found.items() if s is not None}
+
+    def _estimates(self):
+        out = {}
+        for _, name, target in [k for k in self._samples if k[0] == 'estimate']:
+            said = self._series(('estimate', name, target))
+            out.setdefault(name, {})[target] = TargetEstimates(said.t, said.values[:, 0],
+                                                               said.values[:, 1:])
+        return out
 
     def _forces(self):
         series = [self._series(('force', pad)) for pad in sorted(self._pads)]

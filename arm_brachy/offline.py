@@ -18,6 +18,7 @@ from arm_brachy.evaluation.timeseries import (
     PadMark,
     RunData,
     Series,
+    TargetEstimates,
     TaskWindow,
     Tissue,
     TopicRecord,
@@ -91,6 +92,13 @@ def _on_status(tally, topic, t, msg):
     tally.add(('status', topic.split('/')[-2]), t, (msg.status, msg.quality))
 
 
+def _on_estimate(tally, topic, t, msg):
+    name, target = topic.split('/')[-2:]
+    covariance = np.reshape(msg.pose.covariance, (6, 6))[:3, :3]
+    tally.add(('estimate', name, target), t, np.vstack([_xyz(msg.pose.pose.position),
+                                                        covariance]))
+
+
 def _on_optical(tally, topic, t, msg):
     tally.ids = tuple(msg.ids)
     tally.add('optical', t, np.array([_xyz(p) for p in msg.points]).reshape(-1, 3))
@@ -137,7 +145,8 @@ def _on_done(tally, topic, t, msg):
 
 HANDLERS = (
     (graph.ACTUATORS, _on_encoder), (graph.COMMAND, _on_command), (graph.EM_POSE, _on_pose),
-    (graph.EM_STATUS, _on_status), (graph.OPTICAL, _on_optical), (graph.WRENCH, _on_wrench),
+    (graph.EM_STATUS, _on_status), *((topic, _on_estimate) for topic in graph.ESTIMATES),
+    (graph.OPTICAL, _on_optical), (graph.WRENCH, _on_wrench),
     (graph.TRUTH_PADS, _on_truth_pads), (graph.TRUTH_POINTS, _on_points),
     (graph.MODEL_POINTS, _on_points), (graph.TRUTH_TOPOLOGY, _on_topology),
     (graph.TRUTH_POSITIONS, _on_positions), (graph.TASK, _on_task),
@@ -205,6 +214,7 @@ def load_run(bag, *, measured=False):
         seed=int(origin.get('seed', 0)), commit=origin.get('commit', 'unknown'),
         machine=origin.get('machine', 'unknown'), recorded_at=origin.get('start', ''),
         tasks=_windows(tally), moves=_moves(tally), truth=_truth(tally), em=_em(tally),
+        estimates=_estimates(tally),
         encoder=tally.get('encoder'), command_position=tally.get('command'),
         pad_displacement=tally.get('pads'), encoder_pads=tally.actuators, force=force,
         force_pads=force_pads, optical=_optical(tally),
@@ -250,6 +260,15 @@ def _em(tally):
             position[where] = pose.values
         out[tool] = EmSamples(status.t, position, status.values[:, 1],
                               status.values[:, 0].astype(int))
+    return out
+
+
+def _estimates(tally):
+    out = {}
+    for _, name, target in [k for k in tally.series if k[0] == 'estimate']:
+        said = tally.get(('estimate', name, target))
+        out.setdefault(name, {})[target] = TargetEstimates(said.t, said.values[:, 0],
+                                                           said.values[:, 1:])
     return out
 
 
@@ -338,7 +357,8 @@ def with_cell(run, cell):
     run : RunData of a bag;  cell : scenario.Cell that it was recorded from
     """
     scenario, mode = cell.scenario, f'{cell.scenario.control.loop}_loop'
-    return replace(with_scene(run, cell.scene), tasks_planned=len(scenario.tasks) or None,
+    return replace(with_scene(run, cell.scene), feedback=scenario.feedback,
+                   tasks_planned=len(scenario.tasks) or None,
                    moves_planned=len(scenario.moves) or None,
                    tasks=tuple(replace(window, mode=mode) for window in run.tasks))
 

@@ -24,6 +24,7 @@ from arm_brachy.devices.actuator_driver import ActuatorParams
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
+from arm_brachy.estimation.live import EstimationParams
 
 ROS_NAME = re.compile('[A-Za-z][A-Za-z0-9_]*')  # a token of a topic name
 TICK_ROUNDING_NS = 1e-3  # what conversion from ms leaves at most
@@ -75,6 +76,9 @@ class Scenario:
     """One experiment. Keys in the file are these names; `<name>_<unit>` where there is a unit.
 
     tasks : goals that the controller pursues;  moves : or what the pads do without feedback
+    feedback : where the controller hears the target from: the EM sensor in the tissue, or an
+        estimator that sees markers and encoders only, and then there is no EM tracker
+    estimators : that run beside, heard by recorder and evaluation alone
     """
 
     name: str
@@ -100,6 +104,9 @@ class Scenario:
     optical: OpticalParams = field(default_factory=OpticalParams)
     force: ForceSensorParams = field(default_factory=ForceSensorParams)
     control: ManipulatorParams = field(default_factory=ManipulatorParams)
+    feedback: Literal['em', 'kf_admm', 'graph_vae', 'map', 'pod'] = 'em'
+    estimators: tuple[Literal['kf_admm', 'graph_vae', 'map', 'pod'], ...] = ()
+    estimation: EstimationParams = field(default_factory=EstimationParams)
     limits: Limits = field(default_factory=Limits)
     tasks: tuple[Task, ...] = ()
     moves: tuple[Move, ...] = ()

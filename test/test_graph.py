@@ -9,6 +9,7 @@ from arm_brachy import graph
 
 NAMES = [n.name for n in graph.NODES]
 COMPARED = {'tissue_model', 'mismatch_monitor'}
+ESTIMATING = {'kf_admm_estimator', 'graph_vae_estimator', 'map_estimator', 'pod_estimator'}
 each_node = pytest.mark.parametrize('node', graph.NODES, ids=NAMES)
 
 
@@ -93,10 +94,12 @@ def test_an_instance_keeps_what_its_topic_asks_for():
 
 
 def test_instances_fill_in_every_tool_and_pad():
-    names = [t.name for t in graph.instances(('a', 'b'), ('p',))]
+    names = [t.name for t in graph.instances(('a', 'b'), ('p',), ('t', 'u', 'v'))]
     assert not [n for n in names if '{' in n]
-    assert len(set(names)) == len(names) == len(graph.RECORDER.subscribes) + 2
-    assert {'em/a/pose', 'em/b/pose', 'em/a/status', 'em/b/status', 'force/p/wrench'} <= set(names)
+    more = 2 + 2 * len(graph.ESTIMATORS)    # a second tool's pose and status, two targets each
+    assert len(set(names)) == len(names) == len(graph.RECORDER.subscribes) + more
+    assert {'em/a/pose', 'em/b/pose', 'em/a/status', 'em/b/status', 'force/p/wrench',
+            'estimate/map/u'} <= set(names)
 
 
 def test_a_cell_without_tools_and_pads_has_none_of_their_topics():
@@ -116,13 +119,20 @@ def test_an_unknown_node_is_a_bug():
     assert graph.node('recorder') is graph.RECORDER
 
 
-PROBING, TASKED = SimpleNamespace(moves=(1,), tasks=()), SimpleNamespace(moves=(), tasks=(1,))
+def scenario_of(**given):
+    return SimpleNamespace(**({'moves': (), 'tasks': (), 'feedback': 'em', 'estimators': ()}
+                              | given))
+
+
+PROBING, TASKED = scenario_of(moves=(1,)), scenario_of(tasks=(1,))
+MARKED = scenario_of(tasks=(1,), feedback='map', estimators=('pod', 'map'))
 
 
 def test_a_full_run_leaves_out_what_only_a_replay_runs_and_what_the_other_kind_needs():
-    assert set(NAMES) - set(graph.cell_of(TASKED)) == {*COMPARED, 'push_protocol'}
-    assert set(NAMES) - set(graph.cell_of(PROBING)) == {*COMPARED, 'mpc_manipulator', 'operator'}
-    assert graph.cell_of(SimpleNamespace(moves=(), tasks=())) == graph.CELL
+    assert set(NAMES) - set(graph.cell_of(TASKED)) == {*COMPARED, *ESTIMATING, 'push_protocol'}
+    assert set(NAMES) - set(graph.cell_of(PROBING)) == {*COMPARED, *ESTIMATING, 'mpc_manipulator',
+                                                        'operator'}
+    assert graph.cell_of(scenario_of()) == graph.CELL
 
 
 @pytest.mark.parametrize('scenario', [PROBING, TASKED])
@@ -133,7 +143,27 @@ def test_without_pads_nobody_pushes_and_nobody_feels(scenario):
         'push_protocol'})
 
 
-@pytest.mark.parametrize('scenario', [PROBING, TASKED])
+def test_a_cell_that_hears_an_estimator_has_no_sensor_in_the_tissue():
+    names = graph.cell_of(MARKED)
+    assert set(graph.CELL) - set(names) == {'em_tracker'}
+    assert set(names) - set(graph.CELL) == {'map_estimator', 'pod_estimator'}
+    assert 'mpc_manipulator' in graph.readers('estimate/map/target_1', names)
+
+
+def test_estimators_run_beside_prescribed_moves_and_em_feedback():
+    beside = {'estimators': ('pod',), 'feedback': 'em'}
+    for scenario, plain in ((scenario_of(tasks=(1,), **beside), graph.CELL),
+                            (scenario_of(moves=(1,), **beside), graph.PROBING_CELL)):
+        assert set(graph.cell_of(scenario)) == {*plain, 'pod_estimator'}
+
+
+def test_estimators_hear_markers_and_encoders_alone():
+    for name in ESTIMATING:
+        heard = {t.name for t in graph.node(name).subscribes}
+        assert heard == {'optical/markers', 'actuators/state'}
+
+
+@pytest.mark.parametrize('scenario', [PROBING, TASKED, MARKED])
 def test_of_a_full_run_one_node_commands_and_one_tells_what_is_under_way(scenario):
     names = graph.cell_of(scenario)
     assert graph.writers('cell/task', names) == (graph.conductor_of(scenario).name,)

@@ -1,4 +1,4 @@
-"""Keeps the registration of the optical tracker: made at the start, watched, made again if lost."""
+"""Registration of the optical tracker over time: made at the start, watched, made again."""
 
 from dataclasses import dataclass
 

@@ -48,6 +48,7 @@ class LiveStep:
 class LiveEstimator:
     """Registers, identifies, estimates; explicit time, no clock of its own.
 
+    targets : names;  mesh : TetMesh that `Estimate.x` belongs to
     registration : in force, None while there is none
     An estimate is of the time of acquisition of the newest frame. It is withheld, with an outcome
     that says why, while the tracker is silent, not registered or blind, and while the markers are
@@ -55,15 +56,16 @@ class LiveEstimator:
     Test: estimation/test_live.py
     """
 
-    def __init__(self, estimator, motion, params, tracker):
+    def __init__(self, estimator, motion, params, tracker, mesh=None):
         """Wire an estimator.
 
         estimator : estimate.Estimator, built for the tissue markers of `motion` in their order
         motion : marker_motion.MarkerMotion;  params : EstimationParams
         tracker : (noise, offset) [m] sd per axis of one marker sample, of its constant error
+        mesh : TetMesh of the estimates' nodes
         """
         self.params, self._estimator, self._motion = params, estimator, motion
-        self.targets = estimator.targets
+        self.targets, self.mesh = estimator.targets, mesh
         self._calibration = Calibration(params.registration, motion, *tracker)
         self._intake = MarkerIntake(params.intake, motion)
         self._row = {name: i for i, name in enumerate(motion.names)}
@@ -157,7 +159,7 @@ class LiveEstimator:
             return Outcome.TOO_FEW_MARKERS, (f'{seen} markers on tissue, needed are '
                                              f'{self.params.fewest:g}')
         if rejected:
-            return Outcome.MARKERS_REJECTED, f'left out, too far from where they can be: {rejected}'
+            return Outcome.MARKERS_REJECTED, f'too far from where they can be: {rejected}'
         if taken.swapped:
             return Outcome.MARKERS_SWAPPED, f'labels put right: {", ".join(taken.swapped)}'
         return Outcome.OK, ''

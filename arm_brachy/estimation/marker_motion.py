@@ -1,4 +1,4 @@
-"""Where the markers of a scene should be at given pad travel: base, pads, and tissue to first order.
+"""Where the markers of a scene should be at given pad travel; those on tissue to first order.
 
 Good enough to tell markers apart and to gate outliers; not an estimate of anything.
 """

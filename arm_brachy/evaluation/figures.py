@@ -16,6 +16,7 @@ from arm_brachy.evaluation.style import (
     new_figure,
     styled,
 )
+from arm_brachy.evaluation.timeseries import Series
 
 AXIS_NAMES = ('x', 'y', 'z')
 LEAST_SPAN = 2.0  # mm, so that noise on an axis at rest does not look like motion
@@ -57,7 +58,7 @@ def time_response(run, tasks, tolerance):
     names = ', '.join(task.name for task in tasks)
     return Plate('time_response', figure, (
         f'Time response: {names}. Displacement of the target from where it was when the goal was '
-        'set: EM measurements (dots), truth where it was recorded (line), goal (dashed) and '
+        f'set: {_measurement(run)}s (dots), truth where it was recorded (line), goal (dashed) and '
         f'tolerance of ±{tolerance * MM:g} mm (band). An axis marked free is not controlled. '
         'Below: distance from the goal on the controlled axes (logarithmic), and how far each '
         'actuator pushes from rest (encoder).'))
@@ -67,7 +68,7 @@ def _draw_axis(axis, run, task, k, tolerance):
     measured, true = _target_series(run, task)
     if measured is not None:
         axis.plot(measured.t - task.t_start, (measured.values[:, k] - task.start[k]) * MM, '.',
-                  color=MEASURED, markersize=2.2, label='EM measurement', rasterized=True)
+                  color=MEASURED, markersize=2.2, label=_measurement(run), rasterized=True)
     if true is not None:
         axis.plot(true.t - task.t_start, (true.values[:, k] - task.start[k]) * MM, color=TRUTH,
                   label='truth')
@@ -123,9 +124,20 @@ def _draw_actuators(axis, run, task):
 
 def _target_series(run, task):
     """(measured, true) Series of the task's target inside its window, None where absent."""
-    em, truth = run.em.get(task.target), run.truth.get(task.target)
-    return (None if em is None else em.tracked().between(task.t_start, task.t_end),
+    truth = run.truth.get(task.target)
+    said = run.estimates.get(run.feedback, {}).get(task.target)
+    if run.feedback == 'em':
+        em = run.em.get(task.target)
+        said = None if em is None else em.tracked()
+    elif said is not None:
+        said = Series(said.t, said.points)
+    return (None if said is None else said.between(task.t_start, task.t_end),
             None if truth is None else truth.between(task.t_start, task.t_end))
+
+
+def _measurement(run):
+    """What the dots are: what the controller heard."""
+    return 'EM measurement' if run.feedback == 'em' else f'{run.feedback} estimate'
 
 
 def _pad_name(run, p):

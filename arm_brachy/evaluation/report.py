@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from arm_brachy.evaluation import body_view, figures
+from arm_brachy.evaluation import body_view, estimate_figures, figures
 from arm_brachy.evaluation.page import (
     Cell,
     Column,
@@ -29,6 +29,11 @@ MOVE_COLUMNS = (
     Column('Move', numeric=False), Column('Duration', 's'), Column('Deepest push', 'mm'),
     Column('Pad travel', 'mm'), Column('Peak force', 'N'), Column('Made', numeric=False))
 
+ESTIMATE_COLUMNS = (
+    Column('Estimator', numeric=False), Column('Target', numeric=False), Column('Estimates'),
+    Column('Available', '% of time'), Column('Mean error', 'mm'), Column('95 % within', 'mm'),
+    Column('Largest', 'mm'), Column('Claimed sd', 'mm'), Column('95 % ellipsoid holds', '%'))
+
 TOPIC_COLUMNS = (
     Column('Topic', numeric=False), Column('Type', numeric=False), Column('Recorded', 'messages'),
     Column('Lost', 'messages'), Column('Rate', 'Hz'), Column('Jitter', 'ms'),
@@ -50,7 +55,7 @@ def write_report(run, numbers, out_html):
         'report.html.j2', out_html, title=f'{run.name}: report', kind='arm_brachy run report',
         heading=run.name, verdict=_verdict(run, numbers), facts=_facts(numbers),
         tasks=_task_grid(numbers), moves=_move_grid(run, numbers),
-        plates=pictures(plates(run, numbers)),
+        estimates=_estimate_grid(numbers), plates=pictures(plates(run, numbers)),
         goals=_goal_grid(numbers.targets), topics=_topic_grid(run, numbers),
         outcomes=_outcome_grid(run.outcomes), provenance=provenance(run), command=run.command,
         scenario=run.scenario)
@@ -62,6 +67,8 @@ def plates(run, numbers):
     for first in range(0, len(run.tasks), figures.COLUMNS):
         chunk = run.tasks[first:first + figures.COLUMNS]
         drawn.append(figures.time_response(run, chunk, numbers.goals.steady_state_error))
+    drawn += [estimate_figures.estimate(run, name, target)
+              for name, target in _shown_estimates(run, numbers)]
     if run.moves and run.encoder is not None:
         drawn.append(figures.pad_travel(run))
     if not (run.tasks or run.moves) and run.optical is not None and len(run.optical.t):
@@ -73,6 +80,12 @@ def plates(run, numbers):
     if np.isfinite(run.span()).all():
         drawn.append(figures.streams(run, numbers.streams))
     return drawn
+
+
+def _shown_estimates(run, numbers):
+    """(estimator, target) of the figures: the targets of the tasks, without tasks the first."""
+    asked = dict.fromkeys(task.target for task in run.tasks) or list(run.truth)[:1]
+    return [(n.estimator, n.target) for n in numbers.estimates if n.target in asked]
 
 
 def _verdict(run, numbers):
@@ -114,8 +127,10 @@ def _what_ran(run):
     if not run.tasks:
         return f'No task was set; {lasted}.'
     plural = 's' if len(run.tasks) > 1 else ''
-    return (f'{len(run.tasks)} task{plural} on {", ".join(targets)}, {" and ".join(modes)}; '
-            f'{lasted}.')
+    heard = '' if run.feedback == 'em' else (
+        f' over {run.feedback}_estimator, without a sensor in the tissue')
+    return (f'{len(run.tasks)} task{plural} on {", ".join(targets)}, {" and ".join(modes)}'
+            f'{heard}; {lasted}.')
 
 
 def _facts(numbers):
@@ -123,9 +138,15 @@ def _facts(numbers):
     if numbers.tasks:
         errors = [task.steady_state_error for task in numbers.tasks]
         source = ', '.join(sorted({task.response_from for task in numbers.tasks}))
-        facts += [Fact(f'Worst steady-state error ({source})', number(max(errors) * MM, 3), 'mm'),
-                  Fact('Median ITAE (EM)', number(float(np.median(
-                      [task.itae_em for task in numbers.tasks])) * MM, 1), 'mm·s²')]
+        itae = float(np.median([task.itae_em for task in numbers.tasks]))
+        facts.append(Fact(f'Worst steady-state error ({source})', number(max(errors) * MM, 3),
+                          'mm'))
+        if np.isfinite(itae):
+            facts.append(Fact('Median ITAE (EM)', number(itae * MM, 1), 'mm·s²'))
+    for name in dict.fromkeys(n.estimator for n in numbers.estimates):
+        errors = [n.mean for n in numbers.estimates if n.estimator == name]
+        facts.append(Fact(f'Mean error of {name}_estimator', number(np.mean(errors) * MM, 3),
+                          'mm'))
     if numbers.deformation is not None:
         shape = numbers.deformation
         facts += [Fact('Largest tissue displacement', number(shape.max_displacement * MM),
@@ -166,6 +187,19 @@ def _move_grid(run, numbers):
          Cell(number(move.peak_force.max() if len(move.peak_force) else np.nan)),
          Cell('yes') if move.made else Cell(window.message or 'no', 'bad'))
         for move, window in zip(numbers.moves, run.moves, strict=True)), note)
+
+
+def _estimate_grid(numbers):
+    note = ('Distance of estimate from truth at the same instant, over the whole run; of each '
+            'estimator and target. Available: share of the time since its first estimate that it '
+            'had one no older than half as much again as usual. Claimed sd: per axis, from the '
+            'covariance. Errors of one run go together in time: the last column of a single run '
+            'may be far from 95 % without saying that the covariance is wrong.')
+    return Grid(ESTIMATE_COLUMNS, tuple(
+        (Cell(n.estimator), Cell(n.target), Cell(str(n.count)), Cell(number(n.share * 100, 1)),
+         Cell(number(n.mean * MM, 3)), Cell(number(n.p95 * MM, 3)),
+         Cell(number(n.largest * MM, 3)), Cell(number(n.sd * MM, 3)),
+         Cell(number(n.coverage * 100, 1))) for n in numbers.estimates), note)
 
 
 def _source(tasks):

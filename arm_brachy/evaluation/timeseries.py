@@ -54,6 +54,23 @@ class EmSamples:
 
 
 @dataclass(frozen=True)
+class TargetEstimates:
+    """What an estimator said of one target.
+
+    t : (n,) [s] of acquisition;  points : (n, 3) [m];  covariance : (n, 3, 3) [m^2]
+    """
+
+    t: np.ndarray
+    points: np.ndarray
+    covariance: np.ndarray
+
+    def between(self, t_start, t_end):
+        """Those with t_start <= t <= t_end [s]."""
+        keep = (self.t >= t_start) & (self.t <= t_end)
+        return TargetEstimates(self.t[keep], self.points[keep], self.covariance[keep])
+
+
+@dataclass(frozen=True)
 class OpticalFrames:
     """Optical marker frames.
 
@@ -169,6 +186,8 @@ class RunData:
     moves : MoveWindow, in order of time, that are over;  moves_planned : as tasks_planned
     truth : target name -> Series of (n, 3) [m]; empty on a real recording
     em : target name -> EmSamples
+    estimates : estimator name -> target name -> TargetEstimates
+    feedback : what the controller heard the target from: 'em' or an estimator
     encoder, command_position : Series of (n, p) [m], pushes from rest along the pads' directions
     pad_displacement : Series of (n, p) [m], the true pads' (differs from the encoder by play)
     encoder_pads : names of the pads of these three; empty = not known
@@ -194,6 +213,8 @@ class RunData:
     moves_planned: int | None = None
     truth: dict = field(default_factory=dict)
     em: dict = field(default_factory=dict)
+    estimates: dict = field(default_factory=dict)
+    feedback: str = 'em'
     encoder: Series | None = None
     command_position: Series | None = None
     pad_displacement: Series | None = None

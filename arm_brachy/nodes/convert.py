@@ -4,7 +4,16 @@ from array import array
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3, WrenchStamped
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseStamped,
+    PoseWithCovariance,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    Vector3,
+    WrenchStamped,
+)
 from rclpy.time import Time
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
@@ -23,6 +32,8 @@ from arm_brachy_msgs.msg import (
     TaskState,
     ToolStatus,
 )
+
+UNKNOWN_TURN = np.pi**2 / 3.0   # rad^2, variance of an angle of which nothing is known
 
 
 def header(t_ns, frame):
@@ -115,6 +126,32 @@ def tool_pose(frame, sample):
         pose=Pose(position=point(sample.position),
                   orientation=Quaternion(x=float(q[0]), y=float(q[1]), z=float(q[2]),
                                          w=float(q[3]))))
+
+
+def estimated_pose(frame, t, place, covariance):
+    """geometry_msgs/PoseWithCovarianceStamped of a point at t [s]: (3,) [m], (3, 3) [m^2].
+
+    A point has no orientation: the identity, with the variance of an angle that is not known.
+    """
+    full = np.zeros((6, 6))
+    full[:3, :3], full[3:, 3:] = covariance, UNKNOWN_TURN * np.eye(3)
+    return PoseWithCovarianceStamped(
+        header=header(round(t * 1e9), frame),
+        pose=PoseWithCovariance(pose=Pose(position=point(place), orientation=Quaternion(w=1.0)),
+                                covariance=full.ravel()))
+
+
+def position(msg):
+    """(3,) [m] of a PoseStamped or PoseWithCovarianceStamped."""
+    pose = msg.pose.pose if isinstance(msg, PoseWithCovarianceStamped) else msg.pose
+    return xyz(pose.position)
+
+
+def marker_frame(msg):
+    """(t [s], ids, points (n, 3) [m]) of an OpticalFrame; NaN where not visible."""
+    points = np.array([xyz(p) for p in msg.points]).reshape(-1, 3)
+    points[~np.array(msg.visible, dtype=bool)] = np.nan
+    return nanoseconds(msg) * 1e-9, tuple(msg.ids), points
 
 
 def tool_status(frame, sample):

@@ -20,7 +20,9 @@ class MpcManipulatorNode(Node):
     """Convert, call, convert back; it commands only while it pursues a goal.
 
     in   actuators/state     JointState   encoders
-         em/<tool>/pose      PoseStamped  of every tool
+         em/<tool>/pose      PoseStamped  of every tool, with `feedback: em`
+         estimate/<estimator>/<target>  PoseWithCovarianceStamped  with that estimator as feedback;
+             those of others are received, as the table of the graph promises, and not used
          cell/safety         SafetyState  all but RUN, or (wall pace) silence, drops the goal
     out  actuators/command   ActuatorCommand    every control period while a goal is pursued
          manipulation/state  ManipulationState  every control period
@@ -39,9 +41,9 @@ class MpcManipulatorNode(Node):
         self._command_pub = ticker.publisher(graph.COMMAND)
         self._state_pub = ticker.publisher(graph.MANIPULATION)
         self._health = Health(self, ticker, self._frame)
-        self._poses = {graph.EM_POSE.at(tool=t).name: t for t in setup.cell.em_tools}
-        for _name, tool in self._poses.items():
-            ticker.subscribe(graph.EM_POSE.at(tool=tool))
+        self._heard = {topic.name: target for topic, target in _heard(setup.cell)}
+        for topic in _received(setup.cell):
+            ticker.subscribe(topic)
         ticker.subscribe(graph.ACTUATORS)
         ticker.subscribe(graph.SAFETY)
         self.create_service(SetGoal, '~/set_goal', self._on_goal)
@@ -51,10 +53,10 @@ class MpcManipulatorNode(Node):
 
     def _work(self, tick, t_ns, inputs):
         self._permission.hear(t_ns, inputs[graph.SAFETY.name])
-        for name, tool in self._poses.items():
+        for name, target in self._heard.items():
             for msg in inputs[name]:
-                self._control.hear(tool, convert.nanoseconds(msg) * 1e-9,
-                                   convert.xyz(msg.pose.position))
+                self._control.hear(target, convert.nanoseconds(msg) * 1e-9,
+                                   convert.position(msg))
         if inputs[graph.ACTUATORS.name]:
             self._feel(t_ns, inputs[graph.ACTUATORS.name][-1])
         step = self._control.step(t_ns * 1e-9)
@@ -109,6 +111,22 @@ class MpcManipulatorNode(Node):
         self._control.hold()
         response.success, response.message = True, 'holding; set a goal to go on'
         return response
+
+
+def _heard(setup):
+    """(graph.Topic, target) of everything that says where a target is."""
+    feedback = setup.scenario.feedback
+    for target in cell.heard_targets(setup):
+        yield (graph.EM_POSE.at(tool=target) if feedback == 'em'
+               else graph.estimate(feedback).at(target=target)), target
+
+
+def _received(setup):
+    """Those topics, and what estimators say that run beside."""
+    yield from (topic for topic, _ in _heard(setup))
+    for name in graph.estimators_of(setup.scenario):
+        if name != setup.scenario.feedback:
+            yield from (graph.estimate(name).at(target=t.name) for t in setup.scene.targets)
 
 
 def main(args=None):

@@ -33,7 +33,8 @@ class RecorderNode(Node):
         self._writer = BagWriter(output, provenance=provenance.of(cell),
                                  attachments=bundle(cell))
         pads = [p.name for p in cell.scene.pads]
-        present = [t for t in graph.instances(cell.em_tools, pads)
+        targets = [t.name for t in cell.scene.targets]
+        present = [t for t in graph.instances(cell.em_tools, pads, targets)
                    if graph.writers(t.name, setup.peers)]
         shared = [t for t in present if len(graph.writers(t.name, setup.peers)) > 1]
         answers = [graph.TICK_DONE.at(node=p) for p in setup.peers]

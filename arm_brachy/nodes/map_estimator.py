@@ -1,0 +1,8 @@
+"""ROS 2 node of the Gauss-Newton smoother on the reduced model: `tissue_estimator` with `map`."""
+
+from arm_brachy.nodes import tissue_estimator
+
+
+def main(args=None):
+    """Run the node."""
+    tissue_estimator.run('map', args)
