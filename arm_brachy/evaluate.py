@@ -11,7 +11,7 @@ from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.paths import share_dir
 from arm_brachy.diagnosis.one_axis import measured_axes, reading_axis
 from arm_brachy.evaluation import regimes
-from arm_brachy.evaluation.assess import assess, to_result
+from arm_brachy.evaluation.assess import assess, estimates_to_result, to_result
 from arm_brachy.evaluation.report import write_report
 from arm_brachy.evaluation.residual_report import to_result as residual_result
 from arm_brachy.evaluation.residual_report import write_residual_report
@@ -29,7 +29,7 @@ def evaluate_bag(bag, folder, *, command=''):
 
     bag : path;  folder : receives report.html where there were tasks, and where a model ran
         report_optical.html, report_em.html, report_force.html; beside each page its numbers
-        as JSON
+        as JSON, those of estimators in report_estimates.json
     Returns (results, pages): evaluation.result.Result each, paths of the pages.
     Raises RecordingError if there is nothing to evaluate.
     """
@@ -38,20 +38,22 @@ def evaluate_bag(bag, folder, *, command=''):
         cell = recorded_cell(bag, scratch)
         run = replace(with_cell(load_run(bag), cell), command=command)
         predicted = recorded_prediction(bag)
-    results, pages = [], []
+    results, pages = {}, []
     if predicted is None or _operated(run):
         numbers = assess(run)
-        results.append(to_result(run, numbers))
+        results['report'] = to_result(run, numbers)
+        if numbers.estimates:
+            results['report_estimates'] = estimates_to_result(run, numbers)
         pages.append(write_report(run, numbers, folder / 'report.html'))
     for stream, data in comparisons(run, cell, predicted).items():
-        results.append(residual_result(data))
+        results[f'report_{stream}'] = residual_result(data)
         pages.append(write_residual_report(data, folder / f'report_{stream}.html'))
     if not results:
         raise RecordingError(f'{bag}: neither tasks nor a model to compare with; replay it first: '
                              f'arm-brachy replay {bag} --scenario FILE')
-    for result, page in zip(results, pages, strict=True):
-        result.to_json(Path(page).with_suffix('.json'))
-    return results, pages
+    for name, result in results.items():
+        result.to_json(folder / f'{name}.json')
+    return list(results.values()), pages
 
 
 def _operated(run):

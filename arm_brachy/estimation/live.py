@@ -66,6 +66,7 @@ class LiveEstimator:
         """
         self.params, self._estimator, self._motion = params, estimator, motion
         self.targets, self.mesh = estimator.targets, mesh
+        self._pads = motion.jacobian.shape[2]
         self._calibration = Calibration(params.registration, motion, *tracker)
         self._intake = MarkerIntake(params.intake, motion)
         self._row = {name: i for i, name in enumerate(motion.names)}
@@ -92,7 +93,7 @@ class LiveEstimator:
         self._due = (t if self._due is None else self._due) + self.params.period
         self._started = t if self._started is None else self._started
         frame, self._frame = self._frame, None
-        if frame is None or not self._encoder:
+        if frame is None or (self._pads and not self._encoder):
             return self._silent(t, frame)
         if frame[0] <= self._last:
             return LiveStep(t, None, Outcome.REJECTED, 'optical: a frame is not newer than the '
@@ -138,6 +139,8 @@ class LiveEstimator:
 
     def _travel(self, t):
         """Encoders (p,) [m] at t, interpolated; the last where t is later."""
+        if not self._pads:
+            return np.zeros(0)
         times = [when for when, _ in self._encoder]
         return np.array([np.interp(t, times, column)
                          for column in np.transpose([q for _, q in self._encoder])])

@@ -125,8 +125,13 @@ def stream_rows(streams):
 def to_result(run, numbers):
     """The run's tasks or moves, and goals, in the common JSON form."""
     return Result(run.name, run.seed, run.commit, run.machine,
-                  (*task_rows(numbers.tasks), *move_rows(numbers.moves),
-                   *estimate_rows(numbers.estimates)), numbers.targets)
+                  (*task_rows(numbers.tasks), *move_rows(numbers.moves)), numbers.targets)
+
+
+def estimates_to_result(run, numbers):
+    """What the run's estimators said beside the truth, in the common JSON form."""
+    return Result(f'{run.name}: estimates', run.seed, run.commit, run.machine,
+                  estimate_rows(numbers.estimates), ())
 
 
 def _task(run, window, goals):

@@ -1,6 +1,7 @@
 """ROS 2 shell of every estimator of the tissue's inside: markers and encoders in, targets out."""
 
 import resource
+import sys
 import time
 
 import numpy as np
@@ -119,7 +120,9 @@ class TissueEstimatorNode(Node):
         spent = '' if not len(took) else (
             f'median {np.median(took):.1f} ms, 95 % within {np.quantile(took, 0.95):.1f} ms, '
             f'longest {took.max():.1f} ms of wall time; ')
-        self.get_logger().info(f'{self._count} estimates: {spent}peak memory {memory:.0f} MB')
+        # no logger: after a signal there is no topic left that it could publish on
+        print(f'{self.get_name()}: {self._count} estimates: {spent}peak memory {memory:.0f} MB',
+              file=sys.stderr)
 
 
 def _sds(covariance, scale):

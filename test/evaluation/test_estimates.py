@@ -70,7 +70,7 @@ def test_the_report_shows_estimate_ellipse_and_truth(run, rng, tmp_path):
     page = report.write_report(heard, numbers, tmp_path / 'report.html').read_text()
     assert '<h2>Estimates</h2>' in page and 'without a sensor in the tissue' in page
     assert 'Median ITAE (EM)' not in page and 'EM measurement' not in page
-    rows = [row for row in assess.to_result(heard, numbers).rows if 'estimator' in row]
+    rows = [row for row in assess.estimates_to_result(heard, numbers).rows]
     assert rows[0]['coverage_percent'] == pytest.approx(100 * numbers.estimates[0].coverage)
 
 
