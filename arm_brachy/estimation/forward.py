@@ -1,0 +1,102 @@
+"""The forward model of the reduced estimators: equilibrium at a travel, and what it shows."""
+
+import numpy as np
+
+from arm_brachy.core.errors import NotConverged
+from arm_brachy.estimation.model_body import ModelBody
+from arm_brachy.estimation.unknowns import Unknowns
+from arm_brachy.tissue.assembly import Assembler
+from arm_brachy.tissue.jacobian import Linearisation
+from arm_brachy.tissue.mesh import embed, interpolate
+from arm_brachy.tissue.newton import NewtonOptions, StaticSolver
+
+TOLERANCE = 1e-7  # m, open correction of an equilibrium: three decades below what a marker shows
+
+
+class Forward:
+    """Finite elements in equilibrium, markers and targets on them, unknowns in them.
+
+    scene, terms, targets, markers : as `ModelBody`;  prior : unknowns.PriorParams
+    tolerance : [m] largest correction left open at an equilibrium
+    Attributes: model (ModelBody), unknowns (Unknowns), n_markers, n_targets
+        watch : (3n, 3w) d point coordinates / d x, transposed
+    Points are markers first, then targets. Not to be shared between threads.
+    """
+
+    def __init__(self, scene, terms, targets, markers, prior, *, tolerance=TOLERANCE):
+        self.model = ModelBody(scene, terms, targets, markers)
+        self.n_markers, self.n_targets = len(self.model.markers), len(self.model.targets)
+        names = (*self.model.markers, *self.model.targets)
+        rest = np.vstack([self.model.rest_markers, self.model.rest_targets])
+        body = self.model.body
+        self.unknowns = Unknowns(body, prior, lambda mesh: embed(mesh, rest, names=names))
+        self._rider = embed(body.mesh, rest, names=names)
+        self._assembler = Assembler(body)
+        self._options = NewtonOptions(tolerance=tolerance)
+        self.watch = self._rows()
+        self.forget()
+
+    def forget(self):
+        """Forget all that was solved: what follows depends on what is asked from now on only."""
+        self._solver = StaticSolver(self.model.body, options=self._options,
+                                    assembler=self._assembler)
+        self._linearisation = None
+
+    @property
+    def mesh(self):
+        """TetMesh that states belong to."""
+        return self.model.body.mesh
+
+    def _rows(self):
+        """(3n, 3w) d point coordinates / d x, transposed."""
+        W = self._rider.matrix(len(self.mesh.nodes)).toarray()
+        rows = np.zeros((*W.T.shape, 3, 3))
+        rows[:, :, range(3), range(3)] = W.T[:, :, None]
+        return rows.transpose(0, 2, 1, 3).reshape(3 * W.shape[1], 3 * W.shape[0])
+
+    def points(self, x):
+        """Return the positions (w, 3) [m] of markers and targets at node positions x (n, 3)."""
+        return interpolate(self._rider, x)
+
+    def rest(self):
+        """Return the equilibrium (n, 3) [m] at zero travel. Raises NotConverged."""
+        return self.solve(self.mesh.nodes, np.zeros(len(self.model.directions)))
+
+    def solve(self, x0, q, fields=None, offset=0.0):
+        """Return the equilibrium (n, 3) [m] at travel q (p,) [m], sought from x0.
+
+        fields : StepFields, None = the body's own;  offset : (n, 3) [m] of held nodes
+        Raises NotConverged, with the outcome's advice.
+        """
+        held = self._solver.held_positions(self.model.pad_displacement(q)) + offset
+        found = self._solver.follow(x0, held, fields)
+        if not found.outcome.ok:
+            raise NotConverged(f'forward model at {np.round(1e3 * np.asarray(q), 2).tolist()} mm: '
+                               f'{found.outcome.advice}')
+        return found.x
+
+    def linearise(self, x, fields=None):
+        """Return the jacobian.Linearisation at an equilibrium x; good until the next call."""
+        if self._linearisation is None:
+            self._linearisation = Linearisation(self._solver, x, fields)
+        else:
+            self._linearisation.move_to(x, fields)
+        return self._linearisation
+
+    def response(self, x, q, fields=None):
+        """Return d points / d unknowns, (3w, k) [m per standard deviation], by the adjoint.
+
+        x : (n, 3) [m] equilibrium at travel q (p,) [m] with `fields`
+        One back-solve for each coordinate of a point, whatever the number of unknowns.
+        """
+        linearisation = self.linearise(x, fields)
+        motion, rate, shift = self.unknowns.derivatives(linearisation, q)
+        pads = np.zeros((3 * len(self.model.directions), self.watch.shape[1]))
+        a, h = linearisation.adjoint(self.watch, pads)
+        return h.T @ motion - a.T @ rate + shift.reshape(-1, shift.shape[2])
+
+    def nodal_response(self, x, q, fields=None):
+        """Return d x / d unknowns, (3n, k): one back-solve for each unknown."""
+        linearisation = self.linearise(x, fields)
+        motion, rate, _ = self.unknowns.derivatives(linearisation, q)
+        return linearisation.respond(motion, rate)
