@@ -33,6 +33,8 @@ UNITS = {
     'N_mm': (1e3, 'N/mm'),
     'N_m': (1.0, 'N/m'),
     'Ns_m': (1.0, 'N s/m'),
+    'N_m2': (1.0, 'N/m^2'),
+    'Ns_m2': (1.0, 'N s/m^2'),
     'Nm_rad': (1.0, 'N m/rad'),
     'Nms_rad': (1.0, 'N m s/rad'),
     'mm_N': (1e-3, 'mm/N'),

@@ -1,0 +1,192 @@
+"""A bevel-tip needle on its way: where the tip goes, and what force the tissue answers with.
+
+The tip follows an arc whose side the bevel chooses, since cutting pushes it away from the bevel's
+face; the shaft follows the tip (Webster et al. 2006, Int J Robot Res 25:509, unicycle model):
+    dp/ds = t,   dt/ds = kappa n,   n turned about t as the needle is turned at its base
+Force along the needle (Okamura, Simone, O'Leary 2004, IEEE Trans Biomed Eng 51:1707):
+    f = f_stiffness (before the capsule breaks) or f_cutting + f_friction (after it)
+    f_stiffness = k1 d + k2 d^2,  d the dent of the capsule, which breaks at a force
+    f_friction = l (c sign(v) + b v) per length l inside, after Karnopp: within a band of speeds
+    around zero it holds the needle with up to the static force
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm_brachy.core.errors import CommandRefused
+from arm_brachy.core.quantity import quantity
+
+_STICK = 0.5e-3      # m of elastic give of the tissue around a needle that sticks
+_STRAIGHT = 1e-12    # rad, turn of an arc below which it is a line
+
+
+@dataclass(frozen=True)
+class NeedleParams:
+    """An 18 G brachytherapy needle in a soft phantom."""
+
+    length: float = quantity(200.0, 'mm', 'from template to tip when fully inserted', low=10.0,
+                             high=500.0, source='usual brachytherapy needle')
+    radius: float = quantity(400.0, 'mm', 'of the arc that the bevel tip follows', low=50.0,
+                             high=1e5, source='200 to 650 mm are reported; 18 G in gelatin about '
+                                              '220 mm')
+    dent_linear: float = quantity(20.0, 'N_m', 'stiffness of the capsule under the tip',
+                                  low=0.0, high=1e4, source='soft phantom: 0.1 N at 4 mm')
+    dent_square: float = quantity(2.5e3, 'N_m2', 'its growth with the dent', low=0.0, high=1e7,
+                                  source='as above')
+    puncture: float = quantity(0.5, 'N', 'force at which the capsule breaks', low=0.0, high=50.0,
+                               source='skin of a plastisol phantom (own choice)')
+    cutting: float = quantity(0.3, 'N', 'force of cutting, at any depth', low=0.0, high=50.0,
+                              source='Okamura et al. 2004 find 0.94 N in liver; a third in a soft '
+                                     'phantom (own choice)')
+    coulomb: float = quantity(8.0, 'N_m', 'friction per length inside', low=0.0, high=1e3,
+                              source='0.4 N at 50 mm (own choice)')
+    viscous: float = quantity(60.0, 'Ns_m2', 'friction per length and speed', low=0.0, high=1e5,
+                              source='0.15 N at 50 mm and 50 mm/s (own choice)')
+    static: float = quantity(10.0, 'N_m', 'largest friction per length at rest', low=0.0,
+                             high=1e3, source='a quarter above sliding friction (own choice)')
+    band: float = quantity(0.5, 'mm_s', 'speed below which the needle counts as at rest', low=1e-3,
+                           high=50.0, source='Karnopp 1985, J Dyn Sys Meas Control 107:100')
+
+
+class NeedlePath:
+    """Where the tip has gone: arcs, from a hole of the template on.
+
+    p : (3,) [m] tip;  t : (3,) unit, direction of insertion;  n : (3,) unit, the side it bends to
+    depth : [m] length inserted, what a tracker of the needle's base measures
+    """
+
+    def __init__(self, params, hole, axis, side):
+        """hole : (3,) [m];  axis : (3,) along the hole;  side : (3,) that the bevel steers to."""
+        self._radius = params.radius
+        self.depth, self.p = 0.0, np.array(hole, dtype=float)
+        self.t = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+        side = np.asarray(side, dtype=float) - self.t * (self.t @ side)
+        self.n = side / np.linalg.norm(side)
+        self._ends = [(0.0, self.p, self.t, self.n)]
+
+    def turn(self, angle):
+        """Turn the needle about its axis by `angle` [rad]: the bevel points elsewhere."""
+        b = np.cross(self.t, self.n)
+        self.n = np.cos(angle) * self.n + np.sin(angle) * b
+        self._ends[-1] = (self.depth, self.p, self.t, self.n)
+
+    def advance(self, distance):
+        """Insert by `distance` [m], or withdraw along the path already cut if negative."""
+        if distance < 0.0:
+            self._withdraw(self.depth + distance)
+            return
+        self.p, self.t, self.n = self._along(self._ends[-1], self.depth + distance)
+        self.depth += distance
+        self._ends.append((self.depth, self.p, self.t, self.n))
+
+    def _withdraw(self, depth):
+        depth = max(depth, 0.0)
+        while len(self._ends) > 1 and self._ends[-2][0] >= depth:
+            self._ends.pop()
+        if self._ends[-1][0] > depth:
+            self._ends.pop()
+            start = self._ends[-1]
+            self._ends.append((depth, *self._along(start, depth)))
+        self.depth, self.p, self.t, self.n = self._ends[-1]
+
+    def _along(self, start, depth):
+        s0, p, t, n = start
+        angle = (depth - s0) / self._radius
+        if angle < _STRAIGHT:
+            return p + (depth - s0) * t, t, n
+        s, c = np.sin(angle), np.cos(angle)
+        return (p + self._radius * (s * t + (1.0 - c) * n), c * t + s * n, c * n - s * t)
+
+    def shaft(self, count):
+        """Return (count, 3) [m] points from the template to the tip, evenly along the needle."""
+        at = np.linspace(0.0, self.depth, count)
+        ends = np.array([e[0] for e in self._ends])
+        index = np.clip(np.searchsorted(ends, at, side='right') - 1, 0, len(ends) - 1)
+        return np.array([self._along(self._ends[i], s)[0] for i, s in zip(index, at, strict=True)])
+
+
+class NeedleForce:
+    """Force of the tissue along the needle, positive against insertion; one instance a needle.
+
+    punctured : the capsule is broken;  entry : [m] depth of the needle where it broke
+    """
+
+    def __init__(self, params):
+        """Outside the tissue, capsule whole."""
+        self.params = params
+        self.punctured, self.entry = False, None
+        self._held = None       # depth at which the needle has come to rest in the tissue
+
+    def step(self, depth, skin, velocity):
+        """Return the force (N) on the needle.
+
+        depth : [m] of the tip along the axis;  skin : [m] where the unloaded skin is on that axis
+        velocity : [m/s] of the needle against the tissue
+        """
+        p, dent = self.params, depth - skin
+        if dent <= 0.0:
+            self.punctured, self._held = False, None
+            return 0.0
+        if not self.punctured:
+            force = p.dent_linear * dent + p.dent_square * dent**2
+            if force < p.puncture:
+                return force
+            self.punctured, self.entry = True, depth
+        inside = depth - skin
+        return (p.cutting if velocity > p.band else 0.0) + self._friction(inside, depth, velocity)
+
+    def _friction(self, inside, depth, velocity):
+        p = self.params
+        if abs(velocity) > p.band:
+            self._held = None
+            return inside * (p.coulomb * np.sign(velocity) + p.viscous * velocity)
+        if self._held is None:
+            self._held = depth
+        # The tissue around the shaft gives elastically until the static friction is exceeded.
+        stretch = np.clip((depth - self._held) / _STICK, -1.0, 1.0)
+        return inside * p.static * stretch
+
+
+@dataclass(frozen=True)
+class InsertionProfile:
+    """How a needle is driven: by a motor at one speed, or by hand in strokes.
+
+    by : 'motor' or 'hand'
+    """
+
+    by: str = 'motor'
+    speed: float = quantity(10.0, 'mm_s', 'largest speed', low=0.1, high=200.0,
+                            source='robotic insertion: 5 to 20 mm/s; clinical hands: 48 mm/s '
+                                   'in the mean, 123 mm/s at most')
+    stroke: float = quantity(15.0, 'mm', 'length of one stroke by hand', low=1.0, high=100.0,
+                             source='own choice')
+    pause: float = quantity(0.6, 's', 'between strokes by hand', low=0.0, high=10.0,
+                            source='own choice: a glance at the screen')
+
+
+def insertion(profile, depth, t):
+    """Return (depth (m), speed (m/s)) of the needle at time t [s] on its way to `depth` [m].
+
+    By hand each stroke is a minimum-jerk motion, whose peak speed is 15/8 of its mean (Flash and
+    Hogan 1985, J Neurosci 5:1688). Raises CommandRefused for a profile that does not exist.
+    """
+    if profile.by == 'motor':
+        at = min(profile.speed * t, depth)
+        return at, profile.speed if 0.0 <= at < depth else 0.0
+    if profile.by != 'hand':
+        raise CommandRefused(f'insertion by {profile.by!r}; must be motor or hand')
+    start = 0.0
+    while start < depth:
+        length = min(profile.stroke, depth - start)
+        lasts = 15.0 / 8.0 * length / profile.speed
+        if t < lasts:
+            u = t / lasts
+            share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+            return start + length * share, length / lasts * 30.0 * (u * (1.0 - u))**2
+        t -= lasts
+        start += length
+        if t < profile.pause:
+            return start, 0.0
+        t -= profile.pause
+    return depth, 0.0
