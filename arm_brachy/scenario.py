@@ -4,6 +4,7 @@ The plant (what plays the patient) and the model (what controllers believe) are 
 one scene. A seed is always given.
 """
 
+import copy
 import re
 from dataclasses import dataclass, field, replace
 from io import StringIO
@@ -27,6 +28,7 @@ from arm_brachy.devices.optical_tracker import OpticalParams
 from arm_brachy.estimation.live import EstimationParams
 
 ROS_NAME = re.compile('[A-Za-z][A-Za-z0-9_]*')  # a token of a topic name
+PADS_BY_NUMBER = ('actuators', 'pad', 'carrier')  # parameters of terms that also take names
 TICK_ROUNDING_NS = 1e-3  # what conversion from ms leaves at most
 
 
@@ -148,6 +150,9 @@ def load_cell(path):
     """
     path = Path(path).resolve()
     source = config.read_yaml(path)
+    if 'scene' not in source and {'mesh', 'fixed'} <= set(source):
+        raise ConfigError(f'{path}: is a scene; must be a scenario, which names it: name, seed, '
+                          f'scene: {path.name}, and tasks or moves; see arm-brachy keys scenario')
     return resolve(config.from_mapping(Scenario, source, str(path)), path, source)
 
 
@@ -166,8 +171,9 @@ def resolve(scenario, path, source=None):
     _check_scene(scene, Place(scene_path))
     _check_scenario(scenario, scene, Place(path))
     cell = Cell(scenario, scene, _overlaid(scene, scenario.plant, path),
-                _overlaid(scene, scenario.model, path), _terms(scenario, source, path, 'plant'),
-                _terms(scenario, source, path, 'model'), path)
+                _overlaid(scene, scenario.model, path),
+                *(_terms(scenario, scene, source, path, side) for side in ('plant', 'model')),
+                path)
     for side in ('scene', 'plant', 'model'):
         mesh = Path(getattr(cell, side).mesh.file)
         if not mesh.is_file():
@@ -175,12 +181,37 @@ def resolve(scenario, path, source=None):
     return cell
 
 
-def _terms(scenario, source, path, side):
+def _terms(scenario, scene, source, path, side):
     """Terms of one overlay, from the mapping as read where there is one: it knows the lines."""
     entries = getattr(scenario, side).terms
     if source is not None and entries:
         entries = source[side]['terms']
-    return registry.parse_terms(entries, f'{path}: {side}.terms')
+    where = f'{path}: {side}.terms'
+    pads = [pad.name for pad in scene.pads]
+    return registry.parse_terms([_by_number(entry, pads, f'{where}[{i}]')
+                                 for i, entry in enumerate(entries)], where)
+
+
+def _by_number(entry, pads, where):
+    """The entry with numbers for names of pads, where its term wants numbers."""
+    out = copy.copy(entry)
+    for key in PADS_BY_NUMBER:
+        if isinstance(entry, dict) and key in entry:
+            given, many = entry[key], isinstance(entry[key], (list, tuple))
+            numbers = [_pad_number(one, pads, f'{where} {entry.get("name", "")}: {key}')
+                       for one in (given if many else [given])]
+            out[key] = numbers if many else numbers[0]
+    return out
+
+
+def _pad_number(given, pads, where):
+    if not isinstance(given, str):
+        return given
+    if given not in pads:
+        raise ConfigError(f'{where} = {given!r}; must be among '
+                          f'{", ".join(pads) or "the pads, of which the scene has none"}, or '
+                          'their numbers, the first of the scene 0')
+    return pads.index(given)
 
 
 def _overlaid(scene, overlay, path):

@@ -27,6 +27,7 @@ from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis.hypothesis import strengths
 from arm_brachy.evaluation.result import Result, Target
 from arm_brachy.experiments.catalogue import EXPERIMENTS
+from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.mesh import load_mesh
 from arm_brachy.tissue.outlines import crossing
 from arm_brachy.tissue.rims import outline
@@ -296,6 +297,63 @@ def test_a_scene_is_checked_and_drawn(tmp_path):
     assert refused.exit_code == 2 and 'no such folder; make it first' in refused.stderr
 
 
+@pytest.fixture
+def block(tmp_path):
+    """Callable: writes a block of 60 x 40 x 30 mm with a pad as a scene; returns its path."""
+    mesh = box_mesh((0.06, 0.04, 0.03), (6, 4, 3))
+    np.savez(tmp_path / 'block.npz', nodes=mesh.nodes, tets=mesh.tets)
+
+    def write(marker=(30, 20, 30.5), unit='m'):
+        path = tmp_path / 'block.yaml'
+        path.write_text(
+            f'name: block\nmesh: {{file: block.npz, unit: {unit}}}\n'
+            'fixed: {kind: half_space, point_mm: [0, 0, 0.1], normal: [0, 0, -1]}\n'
+            'pads: [{name: east, centre_mm: [60, 20, 15], direction: [-1, 0, 0], radius_mm: 12, '
+            f'stroke_mm: 10}}]\nmarkers: [{{name: top, position_mm: {list(marker)}}}]\n')
+        return path
+    return write
+
+
+def test_check_ends_with_1_where_something_cannot_be_meant(block, tmp_path):
+    assert run('check', block()).exit_code == 0
+    wrong = run('check', block((30, 20, 55)), '--picture', tmp_path / 'wrong.png',
+                '--json', tmp_path / 'wrong.json')
+    assert wrong.exit_code == 1 and 'wrong    marker top: 25 mm off the surface' in wrong.stdout
+    assert wrong.stderr.count('\n') == 1 and '1 of its values cannot be meant' in wrong.stderr
+    assert (tmp_path / 'wrong.png').stat().st_size > 10_000
+    assert json.loads((tmp_path / 'wrong.json').read_text())['rows'][-1]['name'] == 'top'
+    small = run('check', block(unit='mm'))
+    assert small.exit_code == 1 and 'is the file in m? then set mesh unit: m' in small.stdout
+
+
+def test_check_sets_strokes_beside_a_recording(block, tmp_path):
+    (tmp_path / 'enc.csv').write_text('t_s,east\n0.0,0.0\n0.1,9.0\n0.2,14.0\n0.3,0.0\n')
+    (tmp_path / 'map.yaml').write_text("name: rig\nencoders:\n- csv: {path: enc.csv, time: t_s}\n"
+                                       "  columns: '{key}'\n  unit: mm\n")
+    assert run('import', 'csv', tmp_path / 'map.yaml', '--out', tmp_path / 'bag').exit_code == 0
+    short = run('check', block(), '--bag', tmp_path / 'bag')
+    assert short.exit_code == 1
+    assert 'stroke_mm = 10; must be at least the 14 mm that were recorded' in short.stdout
+
+
+def test_a_scene_is_no_scenario_and_a_run_no_bag(block, bag, tmp_path):
+    refused = run('run', block())
+    assert refused.exit_code == 2 and 'is a scene; must be a scenario' in refused.stderr
+    (tmp_path / 'finished').mkdir()
+    bag.rename(tmp_path / 'finished' / 'bag')
+    refused = run('evaluate', tmp_path / 'finished')
+    assert refused.exit_code == 2 and refused.stderr.count('\n') == 1
+    assert f'its bag is {tmp_path / "finished" / "bag"}' in refused.stderr
+
+
+def test_reports_of_bags_side_by_side_are_kept_apart(tmp_path):
+    """A run's own bag has its report beside it, recovered and imported ones one each."""
+    folder = cli_run._report_folder
+    assert folder(tmp_path / 'run' / 'bag') == tmp_path / 'run'
+    apart = {folder(tmp_path / name) for name in ('mended_1', 'mended_2', 'cut.mcap')}
+    assert apart == {tmp_path / f'{n}_report' for n in ('mended_1', 'mended_2', 'cut')}
+
+
 def result(rows, targets=()):
     return Result('trial', 7, 'abc', 'here', tuple(rows), tuple(targets))
 
@@ -354,10 +412,9 @@ def test_a_path_is_printed_whole(bag, tmp_path):
 
 
 @pytest.mark.parametrize(('file', 'key', 'allowed'), [
-    ('scene', 'pads[].stroke_mm', '0 to 200 mm'), ('scene', 'fixed.kind', 'half_space'),
-    ('scenario', 'control.mpc.horizon', 'int'), ('scenario', 'plant.nu', '0 to 0.4999'),
+    ('scene', 'stroke_mm', '0 to 200 mm'), ('scene', 'kind', 'half_space'),
+    ('scenario', 'horizon', 'whole number'), ('scenario', 'nu', '0 to 0.4999'),
     ('calibration', 'touch_mm', '0 to 10 mm')])
 def test_keys_lists_what_a_file_may_hold(file, key, allowed):
-    rows = [line.split('|')[1:5] for line in run('keys', file).stdout.splitlines()]
-    found = {row[0].strip(): row[2] for row in rows}
-    assert allowed in found[key]
+    lines = run('keys', file).stdout.splitlines()
+    assert any(line.split()[:1] == [key] and allowed in line for line in lines)

@@ -247,3 +247,27 @@ def test_a_scenario_made_in_python_is_checked_too(tmp_path):
         resolve(Scenario('x', -1, str(BREAST)), path)
     cell = resolve(Scenario('x', 1, str(BREAST)), path)
     assert cell.tick_ns == round(cell.scenario.tick * 1e9)
+
+
+def test_pads_are_named_or_numbered_in_terms(files):
+    def actuators(given):
+        return load_cell(files({'plant': {'terms': [
+            {'name': 'backlash', 'width_mm': 0.3, 'actuators': given}]}})).plant_terms[0].actuators
+
+    assert actuators(['pad_3', 'pad_1']) == actuators([2, 0]) == (2, 0)
+    metal = {'name': 'em_distortion', 'pad': 'pad_2'}
+    assert load_cell(files({'plant': {'terms': [metal]}})).plant_terms[0].pad == 1
+    wrong = refusal(files({'model': {'terms': [{'name': 'backlash', 'actuators': ['pad_9']}]}}))
+    assert "model.terms[0] backlash: actuators = 'pad_9'; must be among pad_1, pad_2" in wrong
+
+
+def test_what_was_recorded_with_names_of_pads_loads_again(files, tmp_path):
+    cell = load_cell(files({'plant': {'terms': [{'name': 'lost_steps', 'actuators': ['pad_2']}]}}))
+    again = load_cell(unbundle(bundle(cell), tmp_path / 'again'))
+    assert again.plant_terms == cell.plant_terms and again.plant_terms[0].actuators == (1,)
+
+
+def test_damping_of_an_overlay_is_that_of_its_side_alone(files):
+    cell = load_cell(files({'plant': {'rayleigh_alpha_per_s': 2.0, 'rayleigh_beta_ms': 1.5}}))
+    assert (cell.plant.rayleigh_alpha, cell.plant.rayleigh_beta) == (2.0, 1.5e-3)
+    assert cell.model.rayleigh_alpha == cell.scene.rayleigh_alpha == 0.0

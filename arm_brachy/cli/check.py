@@ -1,29 +1,42 @@
 """`arm-brachy check`: what a scene makes of its mesh, before anything is recorded."""
 
+from dataclasses import asdict, replace
+from pathlib import Path
+
 import click
+import numpy as np
 
 from arm_brachy.cli.output import console, json_option, summary, working, writable
-from arm_brachy.core.errors import InputError
+from arm_brachy.core.errors import ArmBrachyError, InputError, MeshError, RecordingError
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis.figures import body_of
-from arm_brachy.evaluation.scene_plate import scene_plate
+from arm_brachy.evaluation.scene_plate import SceneBody, scene_plate
+from arm_brachy.offline import load_run
 from arm_brachy.tissue.build import build_body
+from arm_brachy.tissue.mesh import load_mesh
 from arm_brachy.tissue.scene_check import body_row, pad_rows, point_rows
+from arm_brachy.tissue.scene_faults import Fault, scene_faults, size_faults, stroke_faults
 
 
 @click.command()
 @click.argument('scene', type=click.Path())
 @click.option('--picture', type=click.Path(), metavar='FILE.png', callback=writable,
-              help='Also draw body, pads and markers from six sides.')
+              help='Also draw body, held region, pads, markers and targets from six sides.')
+@click.option('--bag', 'bags', multiple=True, type=click.Path(), metavar='BAG',
+              help='A recording whose travel the strokes have to hold; may be given several '
+                   'times.')
 @json_option
-def check(scene, picture, json_file):
-    """Say what a SCENE makes of its mesh: size, base, pads, markers.
+def check(scene, picture, bags, json_file):
+    """Say what a SCENE makes of its mesh, and what in it cannot be meant.
 
-    Compare it with the rig: `base_normal` points from what is held into the body (none: that is
-    held from opposite sides, or all around), a pad covers nearly 100 % of its disc (its nodes'
-    polygon is a little smaller; much less, and the pad is beside the body or the mesh too coarse),
-    none of a pad's set is inside, a marker sits on the surface, a target is inside it (< 0). A
-    mesh that cuts a rim is made anew by `arm-brachy mesh --scene`.
+    What is wrong is told in red, and the exit status is 1: a marker off the surface, a target
+    outside, a value that looks like another unit, a modulus or density that no body has, a stroke
+    shorter than what was recorded. The rest is to be compared with the rig: `base_normal` points
+    from what is held into the body (none: that is held from opposite sides, or all around), a pad
+    covers nearly 100 % of its disc (its nodes' polygon is a little smaller; much less, and the pad
+    is beside the body or the mesh too coarse), none of a pad's set is inside, a marker sits on the
+    surface, a target is inside it (< 0). A mesh that cuts a rim is made anew by
+    `arm-brachy mesh --scene`.
 
     \b
     Example:
@@ -32,13 +45,57 @@ def check(scene, picture, json_file):
     if picture and picture.suffix.lower() != '.png':
         raise InputError(f'{picture}: --picture writes PNG; name a file that ends on .png')
     described = load_scene(scene)
+    travels = _travels(bags, described) if bags else {}
     with working(f'reading {scene}'):
-        body = build_body(described)
-        rows = [body_row(body), *pad_rows(described, body), *point_rows(described, body)]
+        body, faults = _judged(described)
+        rows = [] if body is None else [body_row(body), *pad_rows(described, body),
+                                        *point_rows(described, body)]
+        faults = (*faults, *stroke_faults(described, travels))
     result = summary(described.name, rows)
     result.table(console)   # not `show`: body, pads and points have columns of their own
     if json_file:
-        result.to_json(json_file)
-    if picture:
-        scene_plate(body_of(described, body.mesh)).save(picture)
+        replace(result, rows=(*rows, *map(asdict, faults))).to_json(json_file)
+    for fault in faults:
+        console.print(f'wrong    {fault}', style='bold red', highlight=False, markup=False)
+    if picture and body is not None:
+        scene_plate(_drawn(described, body), [fault.name for fault in faults]).save(picture)
         console.print(f'picture  {picture}', highlight=False)
+    if faults:
+        raise ArmBrachyError(f'{scene}: {len(faults)} of its values cannot be meant; mend them '
+                             'and check again')
+
+
+def _judged(scene):
+    """(SoftBody of a Scene, its faults); None where there is none, for one of them."""
+    if not Path(scene.mesh.file).is_file():
+        raise InputError(f'{scene.mesh.file}: no such mesh file; named by scene {scene.name}')
+    try:
+        mesh = load_mesh(scene.mesh.file, scene.mesh.unit)
+        faults = size_faults(scene, mesh)
+        if faults:
+            return None, faults
+        body = build_body(scene, mesh)
+    except MeshError as error:      # told as every other fault is, with the same exit status
+        return None, (Fault('', str(error), ''),)
+    return body, scene_faults(scene, body)
+
+
+def _drawn(scene, body):
+    plain = body_of(scene, body.mesh)
+    return SceneBody(plain.rest, plain.tets, plain.pads, plain.markers, held=body.fixed,
+                     radii={p.name: p.radius for p in scene.pads if not p.set},
+                     targets={t.name: np.array(t.position) for t in scene.targets})
+
+
+def _travels(bags, scene):
+    """Pad name -> largest travel [m] by the encoders of bags. Raises RecordingError for none."""
+    out, known = {}, {pad.name for pad in scene.pads}
+    for bag in bags:
+        run = load_run(bag, measured=True)
+        if run.encoder is None or not known & set(run.encoder_pads):
+            has = ', '.join(run.encoder_pads) or 'none'
+            raise RecordingError(f'{bag}: has encoders of {has}; must be of a pad of scene '
+                                 f'{scene.name}: {", ".join(sorted(known)) or "it has none"}')
+        for name, q in zip(run.encoder_pads, run.encoder.values.T, strict=True):
+            out[name] = max(out.get(name, 0.0), float(np.nanmax(q)))
+    return out

@@ -1,6 +1,8 @@
 """`arm-brachy run`, `replay`, `evaluate`: from a scenario or a bag to a report."""
 
 import os
+import shutil
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,12 +24,14 @@ from arm_brachy.cli.output import (
 )
 from arm_brachy.core.errors import InputError, Interrupted
 from arm_brachy.offline import recorded_cell
-from arm_brachy.recording.reader import BagReader
+from arm_brachy.recording.reader import BagReader, mcap_file
 from arm_brachy.scenario import load_cell
 
 REPLAYABLE = tuple(n.name for n in graph.NODES
                    if n not in (graph.CELL_CLOCK, graph.RECORDER, graph.OPERATOR,
                                 graph.PUSH_PROTOCOL))
+
+RUN_BAG = 'bag'     # what `run` and `replay` call the bag in their folder
 
 out_option = click.option('--out', type=click.Path(), metavar='FOLDER',
                           help='Of the result; new or empty. Default: runs/<name>-<time>.')
@@ -54,14 +58,14 @@ def run(scenario, out, speed_limit, watch, json_file):
             working('reading the scene'):
         _build(cell, 'plant', 'model')
         cells.build_actuators(cell, cell.scenario.actuators)
-    processes = launcher.cell_processes(cell, cell.path, folder / 'bag', speed_limit=speed_limit,
+    processes = launcher.cell_processes(cell, cell.path, folder / RUN_BAG, speed_limit=speed_limit,
                                         watch=watch)
     leader = graph.CELL_CLOCK if cell.scenario.pace == 'lockstep' \
         else graph.conductor_of(cell.scenario)
     said = _launch(processes, leader.name, folder, cell.scenario.name)
     if 'factor' in said:
         console.print(f"simulated {said['t']:.1f} s at {said['factor']:.2f} x real time")
-    _evaluate(folder / 'bag', folder, json_file, command=f'arm-brachy run {scenario}')
+    _evaluate(folder / RUN_BAG, folder, json_file, command=f'arm-brachy run {scenario}')
 
 
 @click.command()
@@ -90,9 +94,9 @@ def replay(bag, scenario, nodes, out, json_file):
         cell = recorded_cell(bag, folder / 'cell') if scenario is None else load_cell(scenario)
         with working('reading the scene'):
             _build(cell, 'model')
-    processes = launcher.replay_processes(cell, cell.path, source, nodes, folder / 'bag')
+    processes = launcher.replay_processes(cell, cell.path, source, nodes, folder / RUN_BAG)
     _launch(processes, 'replayer', folder, f'replay of {source.stem}')
-    _evaluate(folder / 'bag', folder, json_file, command=_replayed(bag, scenario, nodes))
+    _evaluate(folder / RUN_BAG, folder, json_file, command=_replayed(bag, scenario, nodes))
 
 
 def _replayed(bag, scenario, nodes):
@@ -105,8 +109,8 @@ def _replayed(bag, scenario, nodes):
 @click.command()
 @click.argument('bag', type=click.Path())
 @click.option('--out', type=click.Path(), metavar='FOLDER',
-              help='Of the report; new or empty. Default: beside the bag, where the report of an '
-                   'earlier evaluation is replaced.')
+              help='Of the report; new or empty. Default: the folder of the run, or beside the '
+                   'bag <name>_report, where an earlier report of the same bag is replaced.')
 @json_option
 def evaluate(bag, out, json_file):
     """Metrics of a recording as a table, as JSON and as an HTML report.
@@ -117,14 +121,39 @@ def evaluate(bag, out, json_file):
     """
     command = f'arm-brachy evaluate {bag}'
     if out is None:
-        folder = Path(bag).resolve().parent
-        if folder.is_dir() and not os.access(folder, os.W_OK):
+        mcap_file(bag)      # refuses what is no bag, before there is a folder for its report
+        folder = _report_folder(Path(bag).resolve())
+        if not os.access(folder if folder.is_dir() else folder.parent, os.W_OK):
             raise InputError(f'{folder}: cannot be written to; name another folder with --out')
-        _evaluate(Path(bag), folder, json_file, command)
+        with _kept(folder):
+            results, pages = _report(bag, folder, command)
+        _show(bag, results, pages, json_file)
         return
     with new_folder(out) as folder:
         results, pages = _report(bag, folder, command)
     _show(bag, results, pages, json_file)
+
+
+def _report_folder(bag):
+    """Where the report of a bag goes: a run's own folder, else one that bears the bag's name.
+
+    Bags that were recovered or imported stand side by side; one folder would hold the report of
+    the last alone.
+    """
+    return bag.parent if bag.name == RUN_BAG else bag.parent / f'{bag.stem}_report'
+
+
+@contextmanager
+def _kept(folder):
+    """Make a folder, or use it as it is; what was made is removed if the work fails."""
+    made = not folder.exists()
+    folder.mkdir(exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        if made:
+            shutil.rmtree(folder)
+        raise
 
 
 def _build(cell, *sides):

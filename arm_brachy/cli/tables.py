@@ -3,6 +3,8 @@
 import click
 
 from arm_brachy import graph, registry
+from arm_brachy.cli.key_table import key_table
+from arm_brachy.cli.output import console
 from arm_brachy.cli.term_sheet import term_sheet
 from arm_brachy.core.config import key_rows
 from arm_brachy.core.scene import Scene
@@ -46,16 +48,14 @@ def nodes():
 def keys(file):
     """Print the keys of scenes, scenarios, calibrations and column maps.
 
-    Markdown: default, allowed values, meaning. In brackets [] is a list item; `required` must be
-    given. A calibration is for `arm-brachy diagnose`: standard deviations of what a sound
-    laboratory leaves uncalibrated, the defaults where none is given. A column map (`columns`) is
-    for `arm-brachy import csv`.
+    Default, allowed values, meaning, under the part of the file that they belong to; `- ` begins
+    what is one item of a list. A calibration is for `arm-brachy diagnose`: standard deviations of
+    what a sound laboratory leaves uncalibrated, the defaults where none is given. A column map
+    (`columns`) is for `arm-brachy import csv`.
 
     \b
     Example:
       arm-brachy keys scenario
     """
     meaning = 'standard deviation of' if file == 'calibration' else 'meaning'
-    click.echo(f'| key | default | allowed | {meaning} |\n|---|---|---|---|')
-    for row in key_rows(FILES[file]):
-        click.echo('| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |')
+    console.print(key_table(key_rows(FILES[file]), meaning, console.width))

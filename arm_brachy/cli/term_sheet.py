@@ -13,6 +13,7 @@ from ruamel.yaml import YAML
 from arm_brachy import registry
 from arm_brachy.core.quantity import UNITS, quantities
 from arm_brachy.diagnosis.hypothesis import strengths
+from arm_brachy.scenario import PADS_BY_NUMBER
 
 WIDTH = 96
 PRIORS = {'normal': 'normal, mean {:g}, standard deviation {:g}',
@@ -40,7 +41,7 @@ def _named(name, text, before=''):
 def _parameter(term, field):
     infos = quantities(term)
     if field.name not in infos:
-        return ['', field.name, f'    default     {field.default!r}']
+        return ['', field.name, f'    default     {_default(field)}']
     info = infos[field.name]
     rows = {'allowed': info.allowed(), 'prior': _prior(info),
             'typical': _typical(term, field.name, info), 'source': info.source}
@@ -49,6 +50,14 @@ def _parameter(term, field):
         if text:
             lines += _named(name, text, before='    ')
     return lines
+
+
+def _default(field):
+    """The default of a choice: of names, of numbers, of one of several words."""
+    if field.name in PADS_BY_NUMBER:
+        none = 'all' if field.default == () else 'none in particular'
+        return f'{none}; else names of pads, or their numbers, the first of the scene 0'
+    return 'all' if field.default == () else field.default
 
 
 def _indented(text):

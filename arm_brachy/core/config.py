@@ -211,24 +211,48 @@ def key_rows(cls, prefix=''):
         inner = dataclasses_in(hints[f.name])
         if f.name in infos:
             info = infos[f.name]
-            rows.append((prefix + info.key(f.name), _default_text(f, info.to_edge), info.allowed(),
-                         info.text))
+            rows.append((prefix + info.key(f.name),
+                         _default_text(f, info.to_edge), info.allowed(), info.text))
         elif inner:
             item = '[]' if typing.get_origin(hints[f.name]) is tuple else ''
             rows += key_rows(inner[0], f'{prefix}{f.name}{item}.')
         else:
-            rows.append((prefix + f.name, _default_text(f, str), _type_name(hints[f.name]),
+            rows.append((prefix + f.name, _default_text(f), _type_name(hints[f.name]),
                          f.metadata.get('text', '')))
     return rows
 
 
-def _default_text(f, shown):
+def _default_text(f, to_edge=lambda value: value):
     if f.default is dataclasses.MISSING:
         return 'required' if f.default_factory is dataclasses.MISSING else 'none'
-    return '' if f.default is None else str(shown(f.default))
+    return '' if f.default is None else _spoken(to_edge(f.default))
+
+
+def _spoken(value):
+    """A value as YAML has it: lists in brackets, true and false."""
+    if isinstance(value, (tuple, list)):
+        return f'[{", ".join(map(_spoken, value))}]'
+    if isinstance(value, float):
+        return f'{value:.12g}'
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+PLAIN = {str: 'text', int: 'whole number', float: 'number', bool: 'true or false',
+         dict: 'a mapping', list: 'a list', types.NoneType: 'none'}
 
 
 def _type_name(hint):
-    if typing.get_origin(hint) is typing.Literal:
-        return ' or '.join(map(str, typing.get_args(hint)))
-    return getattr(hint, '__name__', str(hint)) if not typing.get_args(hint) else str(hint)
+    """What a key may hold, in words: 'list of text', 'mapping of text to 3 numbers'."""
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if origin is typing.Literal:
+        return ' or '.join(map(str, args))
+    if origin in (types.UnionType, typing.Union):
+        return ' or '.join(_type_name(a) for a in args if a is not types.NoneType)
+    if origin is dict:
+        return f'mapping of {_type_name(args[0])} to {_type_name(args[1])}'
+    if origin is tuple and Ellipsis not in args:
+        of = dict.fromkeys(map(_type_name, args))
+        return f'list of {len(args)}: {" and ".join(of)}'
+    if origin in (tuple, list):
+        return f'list of {_type_name(args[0])}'
+    return PLAIN.get(hint, getattr(hint, '__name__', str(hint)))

@@ -187,6 +187,9 @@ def mcap_file(path):
     if not path.is_dir():
         raise RecordingError(f'{path}: no such bag; must be a bag directory or an .mcap file')
     found = sorted(path.glob('*.mcap'))
+    if not found and len(list((path / 'bag').glob('*.mcap'))) == 1:
+        raise RecordingError(f'{path}: is the folder of a run, not a bag; its bag is '
+                             f'{path / "bag"}')
     if len(found) != 1:
         raise RecordingError(f'{path}: holds {len(found)} .mcap files; must hold one (a split bag '
                              'is joined by `ros2 bag convert`)')

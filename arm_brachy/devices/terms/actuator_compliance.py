@@ -51,7 +51,7 @@ class ActuatorCompliance(ActuationTerm):
         prior=('lognormal', 0.125, 3.0), typical=0.125,
         source='engineering judgement: 8 N/mm, a printed bracket and the side play of a slender '
                'rod', neutral=0.0)
-    actuators: tuple[int, ...] = ()  # indices into the bank; empty means all
+    actuators: tuple[int, ...] = ()  # of the bank, in a file names of pads too; () means all
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='actuator_compliance', kind=Kind.ACTUATION, stage=Stage.TRANSMISSION,

@@ -31,7 +31,7 @@ class ActuatorGain(ActuationTerm):
         prior=('normal', 0.0, 0.5), typical=0.5,
         source='engineering judgement: where a pad first touches soft tissue, found by eye',
         neutral=0.0)
-    actuators: tuple[int, ...] = ()  # indices into the bank; empty means all
+    actuators: tuple[int, ...] = ()  # of the bank, in a file names of pads too; () means all
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='actuator_gain', kind=Kind.ACTUATION, stage=Stage.TRANSMISSION,

@@ -25,7 +25,7 @@ class Backlash(ActuationTerm):
         0.25, 'mm', 'lost motion at a reversal', low=0.0, high=10.0,
         prior=('lognormal', 0.25, 3.0), typical=0.25,
         source='Actuonix L16 data sheet: mechanical backlash 0.25 mm', neutral=0.0)
-    actuators: tuple[int, ...] = ()  # indices into the bank; empty means all
+    actuators: tuple[int, ...] = ()  # of the bank, in a file names of pads too; () means all
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='backlash', kind=Kind.ACTUATION, stage=Stage.TRANSMISSION,

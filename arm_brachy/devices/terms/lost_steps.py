@@ -27,7 +27,7 @@ class LostSteps(ActuationTerm):
         0.6, 'mm', 'how far the pad stands short; negative: too far in', low=-20.0, high=20.0,
         prior=('normal', 0.0, 0.6), typical=0.6,
         source='engineering judgement: half a turn of a screw of 1 to 1.5 mm lead', neutral=0.0)
-    actuators: tuple[int, ...] = ()  # indices into the bank; empty means all
+    actuators: tuple[int, ...] = ()  # of the bank, in a file names of pads too; () means all
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='lost_steps', kind=Kind.ACTUATION, stage=Stage.TRANSMISSION,
