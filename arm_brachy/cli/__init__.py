@@ -29,7 +29,7 @@ COMMANDS = {  # name -> (module:object, first line of its help)
     'recover': ('bags:recover', 'Save every complete message of a damaged BAG.'),
     'conceal': ('bags:conceal', 'Copy a BAG without truth, plant, names, seed and dates.'),
     'hashes': ('bags:hashes', 'Hash the payloads of each topic; compare several BAGS.'),
-    'check': ('check:check', 'Say what a SCENE makes of its mesh: size, base, pads, markers.'),
+    'check': ('check:check', 'Say what a SCENE makes of its mesh, and what in it cannot be meant.'),
     'mesh': ('mesh:mesh', 'Fill a closed SURFACE with tetrahedra.'),
     'terms': ('tables:terms', 'Print the table of physics terms, or all about one of them.'),
     'nodes': ('tables:nodes', 'Print the table of nodes and topics.'),
