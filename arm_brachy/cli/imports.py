@@ -1,5 +1,6 @@
 """`arm-brachy import csv | c3d | scene`: a laboratory's files to bags and scenes."""
 
+import importlib
 from pathlib import Path
 
 import click
@@ -7,7 +8,6 @@ import click
 from arm_brachy.cli.output import console, json_option, new_folder, show, summary, working
 from arm_brachy.core import config
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.evidence import load_evidence
 from arm_brachy.recording.import_c3d import C3dImport, import_c3d
 from arm_brachy.recording.import_csv import import_csv
 from arm_brachy.recording.scene_import import import_scene
@@ -55,11 +55,18 @@ def csv_command(column_map, folder, out, name, scene, json_file):
     with new_folder(out) as bag, working(f'reading the files of {column_map}'):
         found = import_csv(column_map, bag, folder=folder, name=name)
         _note(f'{file}: not there, left out' for file in found['absent'])
-        _note(load_evidence([bag], recorded)[0].notes if recorded else ())
+        _note(found['notes'])
+        _note(_checked(bag, recorded) if recorded else ())
     rows = [{'stream': name, **figures} for name, figures in found['streams'].items()]
     show(summary('import csv', rows), json_file)
     console.print(f"bag  {found['bag']}  {sum(found['messages'].values())} messages",
                   highlight=False)
+
+
+def _checked(bag, scene):
+    """Notes of `scene_check`, which takes seconds to load: an import without a scene need not."""
+    module = importlib.import_module('arm_brachy.cli.scene_check')
+    return module.check_recording(bag, scene)
 
 
 def _note(notes):

@@ -10,7 +10,12 @@ from arm_brachy.evaluation.regimes import TOUCH
 from arm_brachy.recording.rigid import fit_rigid
 
 OUT_OF_SCALE = 30.0     # between any honest misfit and the 1000 of a wrong unit
+FAINT = 300.0           # times less force than a punch: no tissue is so soft by mistake
+FELT = 0.3              # N that any load cell for it shows
 SHARED = 0.5            # of the shorter stream that must lie within the other's time
+ALIKE = 0.2             # of the distance of two markers, that an exchange may be off from it
+BETTER = 1.0 / 3.0      # of the misfit that an exchange of two names leaves
+LENGTHS = {'10': 10.0, '0.1': 0.1, '100': 100.0, '0.01': 0.01, '25.4': 25.4}
 MISSHAPEN = 0.15        # of the markers' rms distance from their middle, left by a rigid fit
 FEWEST_READ = 10        # samples of all encoders at one time
 LEAST_TRAVEL = 0.02     # of the radius of a pad
@@ -132,6 +137,11 @@ def _check_forces(name, stream, travel, scene):
             f'{name}: forces reach {largest:.3g} N, where pushing {1e3 * travel:.3g} mm into '
             f'scene {scene.name} takes about {punch:.3g} N; forces must be in newtons: mend the '
             'unit of the import')
+    if 0.0 < largest < punch / FAINT and punch > FELT:
+        raise RecordingError(
+            f'{name}: forces reach {largest:.3g} N only, where pushing {1e3 * travel:.3g} mm into '
+            f'scene {scene.name} takes about {punch:.3g} N; must be in newtons, of cells that '
+            'feel the tissue: mend the unit of the import, or leave these forces out')
 
 
 def refuse_apart_in_time(name, streams):
@@ -176,8 +186,19 @@ def refuse_misshapen(name, names, found, wanted, scene):
     exchanged, whichever, they are named.
     """
     size, misfit = _spread(wanted), _misfit(found, wanted)
-    if misfit is None or misfit <= MISSHAPEN * size:
+    if misfit is None:
         return
+    pair = _exchange(found, wanted, misfit)
+    if misfit <= MISSHAPEN * size and pair is None:
+        return
+    if pair is not None:
+        raise RecordingError(f'{name}: the markers fit scene {scene.name} only with the names '
+                             f'of {names[pair[0]]} and {names[pair[1]]} exchanged; mend the '
+                             'import')
+    for words, ratio in LENGTHS.items():
+        if (left := _misfit(found * ratio, wanted)) is not None and left <= MISSHAPEN * size:
+            raise RecordingError(f'{name}: the markers fit scene {scene.name} only with all '
+                                 f'lengths times {words}; mend the unit of the import')
     pairs = {pair: _misfit(_exchanged(found, *pair), wanted)
              for pair in combinations(range(len(names)), 2)}
     pairs = {pair: left for pair, left in pairs.items() if left is not None}
@@ -191,6 +212,28 @@ def refuse_misshapen(name, names, found, wanted, scene):
         f'mm rms after the best rigid fit, {100.0 * misfit / size:.0f} % of their spread, at '
         f'most {100.0 * MISSHAPEN:.0f} % is a deformation; most at {names[one]} and {names[two]}: '
         'give the scene it was made with')
+
+
+def _exchange(found, wanted, misfit):
+    """(i, j) of two markers whose places are each other's, None if there are none.
+
+    After the fit each is off by what parts them, and exchanged the fit is far better: also of two
+    that are close together, which the size of the misfit does not tell.
+    """
+    if len(found) < 4:
+        return None
+    try:
+        off = fit_rigid(found, wanted).apply(found) - wanted
+    except RecordingError:      # on one line
+        return None
+    for i, j in combinations(range(len(found)), 2):
+        apart = wanted[j] - wanted[i]
+        far = np.linalg.norm(apart)
+        if far > 0.0 and np.linalg.norm(off[i] - off[j] - 2.0 * apart) < 2.0 * ALIKE * far:
+            left = _misfit(_exchanged(found, i, j), wanted)
+            if left is not None and left < BETTER * misfit:
+                return i, j
+    return None
 
 
 def _misfit(found, wanted):

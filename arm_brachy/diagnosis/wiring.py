@@ -1,4 +1,4 @@
-"""Mistakes of an import that would pass for physics: signs, exchanged pads, clocks far apart.
+"""Mistakes of an import that would pass for physics: signs, units, exchanged pads, clocks far off.
 
 A marker on a pad follows its encoder along the push, the force on a pad opposes its push. Where
 all pads do the opposite, or two do as the other should, no actuator is worn and nothing slipped:
@@ -22,6 +22,10 @@ LESS = 0.5          # of what the travel of another pad explains: two forces on 
                     # 0.4 when exchanged, 2.4 and more before
 MOVES = 0.5         # of a pad's travel, that its marker goes at least if it is there
 BACKWARDS = -0.5    # travel of a marker on a pad over that by the encoder
+UNITS = {'a tenth': 0.1, 'a hundredth': 0.01, 'a thousandth': 1e-3, 'ten times': 10.0,
+         'a hundred times': 100.0, 'a thousand times': 1000.0, '25.4 times': 25.4,
+         '1/25.4': 1.0 / 25.4}
+NEAR = 0.15         # of a ratio of units, that gains of sound actuators may be off
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,12 @@ def refuse_miswired(name, evidence, touch):
         raise RecordingError(
             f'{name}: markers on {", ".join(optical)} move against their encoders; travel must '
             'grow as a pad is pushed in: mend the sign of the encoders at the import')
+    for words, ratio in UNITS.items():
+        if _all_own(optical, lambda slope, ratio=ratio: abs(slope / ratio - 1.0) < NEAR):
+            raise RecordingError(
+                f'{name}: markers on {", ".join(optical)} go {words} as far as their encoders say; '
+                'must be about as far: mend the unit of the encoders, or that of the markers, at '
+                'the import')
     if _all_own(force, lambda slope: slope > 0.0):
         raise RecordingError(
             f'{name}: the forces on {", ".join(force)} pull where the pads are pushed in; must be '

@@ -10,15 +10,17 @@ from arm_brachy.core.errors import ConfigError, RecordingError
 SQUARE = 0.02   # cosine: a degree off, axes as people write them down
 
 
-def force_vectors(options, table):
+def force_vectors(options, table, measured):
     """Return (names, forces (n, k, 3)) of csv_map.Forces in the axes of the scene, as counted.
 
+    measured : (names, cells (n, k, c)) -> cells with NaN for what is no measurement
     Cells of one axis give vectors along it, those of three are turned as they are mounted.
     Raises RecordingError for a mounting of a cell that the file does not have.
     """
     if options.directions:
-        return _along_one_axis(options, table)
+        return _along_one_axis(options, table, measured)
     names, read = table.columns(options.columns, options.names, options.axes)
+    read = measured(names, read)
     strange = [name for name in options.mounted if name not in names]
     if strange:
         raise RecordingError(f'{table.path}: has the cells {", ".join(names)}; `mounted` has '
@@ -44,9 +46,10 @@ def check_axes(where, options, by_axis):
                               'directions at right angles: where x and z of the cell point')
 
 
-def _along_one_axis(options, table):
+def _along_one_axis(options, table, measured):
     names = options.names or {name: name for name in options.directions}
     names, read = table.columns(options.columns, names)
+    read = measured(names, read)
     ways = np.array([options.directions[name] for name in names])
     ways = ways / np.linalg.norm(ways, axis=1, keepdims=True)
     return names, read * ways

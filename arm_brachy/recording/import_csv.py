@@ -1,6 +1,6 @@
 """A laboratory's CSV files -> a bag, by a column map."""
 
-import heapq
+import re
 import string
 from pathlib import Path
 
@@ -8,14 +8,16 @@ import numpy as np
 
 from arm_brachy.core import config
 from arm_brachy.core.errors import ConfigError, RecordingError
-from arm_brachy.recording import encode
 from arm_brachy.recording.cell_axes import check_axes, force_vectors
 from arm_brachy.recording.csv_map import FORCE_SIGNS, FORCE_UNITS, LENGTH_UNITS, ColumnMap
 from arm_brachy.recording.csv_table import read_table
-from arm_brachy.recording.sampling import sampling
-from arm_brachy.recording.writer import BagWriter
+from arm_brachy.recording.lab_streams import LabStreams
+from arm_brachy.recording.stand_ins import without_stand_ins
 
 QUATERNION_AXES = ('x', 'y', 'z', 'w')
+KINDS = ('encoders', 'forces', 'optical', 'em')
+LENGTH_OFF = 0.1    # of the length of a quaternion from one: written with two decimals at worst
+TOPIC_PART = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')  # of a ROS 2 name
 
 
 def import_csv(map_file, out_dir, *, folder=None, name=None, attachments=None):
@@ -26,45 +28,80 @@ def import_csv(map_file, out_dir, *, folder=None, name=None, attachments=None):
     name : of the recording; None = that of the map
     attachments : file name -> text, kept in the bag (e.g. the scene)
     Times, jitter included, are kept as the files give them: nothing is resampled. A missing value
-    gives a marker that is not visible, a tool without a pose, a wrench or actuator left out.
+    gives a marker that is not visible, a tool without a pose, a wrench or actuator left out; so
+    does a number that stands for one, `stand_ins`.
     Returns a dict: bag, messages (topic -> number), streams (topic -> rate_Hz, jitter_ms,
-    longest_step_ms, rows, missing_values), absent (optional files that are not there).
+    longest_step_ms, rows, missing_values), absent (optional files that are not there), notes (what
+    was taken out or made of a file, sentences).
     Raises ConfigError for the map, RecordingError (file:line:column) for the files.
     """
     map_file = Path(map_file)
-    folder = map_file.parent if folder is None else Path(folder)
     column_map = config.load(ColumnMap, map_file)
-    encoder = encode.Encoder()
-    streams, report, absent = [], {}, []
-    for kind, build in _BUILDERS.items():
+    return import_map(column_map, map_file, out_dir, folder=folder, name=name,
+                      attachments=attachments)
+
+
+def import_map(column_map, map_file, out_dir, *, folder=None, name=None, attachments=None,
+               text=None):
+    """As `import_csv`, of a ColumnMap that was read.
+
+    map_file : Path that errors name and paths are relative to;  text : of the map, to be kept in
+        the bag, None = that of the file
+    """
+    streams, absent, read = LabStreams(), [], 0
+    for kind in KINDS:
         for i, options in enumerate(getattr(column_map, kind)):
             where = f'{map_file}: {kind}[{i}]'
-            _check_patterns(where, kind, options)
-            _check_lines(where, options.csv)
-            if kind == 'forces':
-                check_axes(where, options,
-                           'axis' in _placeholders(where, 'columns', options.columns))
-            if options.csv.optional and not (folder / options.csv.path).exists():
+            _check(where, kind, options)
+            path = file_of(options.csv.path, map_file.parent, folder)
+            if options.csv.optional and not path.exists():
                 absent.append(options.csv.path)
                 continue
-            table = read_table(folder / options.csv.path, options.csv)
-            t_ns = _shifted(table, column_map.start)
-            topics, records = build(encoder, options, table, t_ns, report)
-            streams.append((topics, records))
-    if not streams:
+            table = read_table(path, options.csv)
+            streams.notes += table.notes
+            _BUILDERS[kind](streams, options, table, _shifted(table, column_map.start))
+            read += 1
+    if not read:
         raise ConfigError(f'{map_file}: names no file that is there; give encoders, forces, '
-                          f'optical or em{_absent_in(folder, absent)}')
+                          f'optical or em{_absent_in(folder or map_file.parent, absent)}')
     info = {'name': name or column_map.name, 'source': column_map.source, 'map': map_file.name}
-    held = {'columns.yaml': map_file.read_text(encoding='utf-8'), **(attachments or {})}
-    with BagWriter(out_dir, provenance=info, attachments=held) as bag:
-        for topics, _ in streams:
-            for topic, type_name in topics:
-                bag.add_topic(topic, type_name, definition=encoder.definitions[type_name])
-        merged = heapq.merge(*(records for _, records in streams), key=lambda record: record[0])
-        for t, topic, sequence, data in merged:
-            bag.write(topic, data, t, sequence=sequence)
-    return {'bag': str(bag.directory), 'messages': bag.counts, 'streams': report,
-            'absent': list(dict.fromkeys(absent))}
+    text = map_file.read_text(encoding='utf-8') if text is None else text
+    bag, counts = streams.write(out_dir, info, {'columns.yaml': text, **(attachments or {})})
+    return {'bag': bag, 'messages': counts, 'streams': streams.report,
+            'absent': list(dict.fromkeys(absent)), 'notes': list(dict.fromkeys(streams.notes))}
+
+
+def file_of(path, home, folder=None):
+    """Where a file of a map is: Path, there or not.
+
+    path : as in the map;  home : folder of the map
+    folder : named instead of it, where the file may also stand under the last parts of its path:
+        maps made by `import scene` have a path that leads from another place
+    """
+    if folder is None:
+        return Path(home) / path
+    parts = Path(path).parts
+    places = [Path(folder).joinpath(*parts[i:]) for i in range(len(parts))]
+    return next((place for place in places if place.is_file()), places[0])
+
+
+def _check(where, kind, options):
+    """Refuse what is wrong in the map before any file is read."""
+    _check_patterns(where, kind, options)
+    _check_lines(where, options.csv)
+    for name in options.names if kind in ('forces', 'em') else ():
+        check_topic_part(f'{where}.names', name)
+    if kind == 'forces':
+        check_axes(where, options, 'axis' in _placeholders(where, 'columns', options.columns))
+        if not options.counts > 0.0:
+            raise ConfigError(f'{where}.counts = {options.counts}; must be above 0')
+
+
+def check_topic_part(where, name):
+    """Refuse, with a ConfigError, a name that cannot be part of a topic."""
+    if not TOPIC_PART.fullmatch(name):
+        raise ConfigError(f'{where}: {name!r}; must be letters, digits and _ without a digit '
+                          'first, as it becomes part of a topic: give it such a name in `names`')
 
 
 def _check_lines(where, options):
@@ -72,88 +109,130 @@ def _check_lines(where, options):
         if getattr(options, key) < low:
             raise ConfigError(f'{where}: csv.{key} is {getattr(options, key)}; must be at least '
                               f'{low}')
+    if not all(0 < line < options.header_line for line in options.name_lines):
+        raise ConfigError(f'{where}: csv.name_lines is {list(options.name_lines)}; must be lines '
+                          f'above header_line, which is {options.header_line}')
+    for key in ('delimiter', 'decimal'):
+        value = getattr(options, key)
+        if len(value) != 1 or value in '"\r\n':
+            raise ConfigError(f'{where}: csv.{key} is {value!r}; must be one sign; a tab is "\\t", '
+                              'in double quotes')
     if options.decimal == options.delimiter:
         raise ConfigError(f'{where}: csv.decimal is {options.decimal!r}, as is csv.delimiter; '
                           "must be another sign; give the delimiter, e.g. ';'")
 
 
 def _shifted(table, start):
-    t_ns = table.t_ns + round(start * 1e9)
-    if t_ns[0] < 0:
-        raise RecordingError(f'{table.path}: time {t_ns[0] * 1e-9:g} s is negative; set `start_s` '
-                             'in the map so that every stream begins at 0 or later')
-    return t_ns
+    return table.t_ns + round(start * 1e9)
 
 
-def _encoders(encoder, options, table, t_ns, report):
-    topic = '/actuators/state'
+def _measured(streams, table, names, values, options, *, points=False, what='values'):
+    """values (n, k, c) with NaN for numbers that stand for nothing, which notes tell."""
+    found = without_stand_ins(values, codes=options.csv.codes, points=points,
+                              zeros=getattr(options, 'zeros', 'place'))
+    for code in dict.fromkeys(one for _, one, _ in found.found):
+        rows = [(names[k], some) for k, one, some in found.found if one == code]
+        count = sum(len(some) for _, some in rows)
+        first = min(int(some.min()) for _, some in rows)
+        of = ', '.join(f'{name} {len(some)}' for name, some in rows[:6])
+        more = f' and {len(rows) - 6} more' if len(rows) > 6 else ''
+        keep = ('; if it is a place (a tracker whose origin is a marker), set `zeros: place`'
+                if code == '0 0 0' else '')
+        streams.notes.append(
+            f'{table.path}: {count} {what} are {code} and count as not measured: {of}{more}; the '
+            f'first in line {table.lines[first]}{keep}.')
+    for k, rows in found.kept:
+        streams.notes.append(f'{table.path}: {names[k]} is at 0 0 0 in {len(rows)} rows and moves '
+                             f'there by itself: taken for a place, the first in line '
+                             f'{table.lines[rows[0]]}.')
+    if points:
+        _tell_half_missing(streams, table, names, found.values)
+    return found.values
+
+
+def _tell_half_missing(streams, table, names, values):
+    missing = np.isnan(values)
+    half = missing.any(axis=2) & ~missing.all(axis=2)
+    for k in np.flatnonzero(half.any(axis=0)):
+        rows = np.flatnonzero(half[:, k])
+        streams.notes.append(f'{table.path}: {names[k]} lacks some of its axes in {len(rows)} '
+                             f'rows, the first in line {table.lines[rows[0]]}: not measured '
+                             'there.')
+
+
+def _by_state(table, options, names, values):
+    """values (n, k, 3) with NaN where the file says in words that nothing was measured."""
+    if not options.state:
+        return values
+    keys = {name: options.names.get(name, name) for name in names}
+    said = np.isin(table.words(options.state, keys), options.measured)
+    return np.where(said[..., None], values, np.nan)
+
+
+def _check_unit(table, options, units):
+    """Refuse a unit of the map that is not the one which the file states."""
+    stated = table.layout.unit if table.layout is not None else ''
+    if stated and stated in units and stated != options.unit:
+        raise RecordingError(f'{table.path}: states its values in {stated}, the map says '
+                             f'{options.unit}; must be the same: set `unit: {stated}`')
+
+
+def _encoders(streams, options, table, t_ns):
     names, cells = table.columns(options.columns, options.names)
-    position = cells[:, :, 0] * LENGTH_UNITS[options.unit]
-    report[topic] = sampling(t_ns, np.isnan(position))
-
-    def records():
-        for k, t in enumerate(t_ns.tolist()):
-            known = np.flatnonzero(np.isfinite(position[k]))
-            if len(known):
-                data = encoder.joint_state(t, options.frame, [names[i] for i in known],
-                                           position[k, known])
-                yield t, topic, k, data
-    return [(topic, encode.JOINT_STATE)], records()
+    cells = _measured(streams, table, names, cells, options)
+    streams.add_encoders(t_ns, options.frame, names,
+                         cells[:, :, 0] * LENGTH_UNITS[options.unit])
 
 
-def _forces(encoder, options, table, t_ns, report):
-    names, force = force_vectors(options, table)
-    force = force * (FORCE_UNITS[options.unit] * FORCE_SIGNS[options.sign])
-    topics = [f'/force/{name}/wrench' for name in names]
-    known = np.isfinite(force).all(axis=2)
-    for i, topic in enumerate(topics):
-        report[topic] = sampling(t_ns, ~known[:, i:i + 1])
-
-    def records():
-        for k, t in enumerate(t_ns.tolist()):
-            for i in np.flatnonzero(known[k]):
-                yield t, topics[i], k, encoder.wrench(t, options.frame, force[k, i])
-    return [(topic, encode.WRENCH) for topic in topics], records()
+def _forces(streams, options, table, t_ns):
+    _check_unit(table, options, FORCE_UNITS)
+    names, force = force_vectors(
+        options, table, lambda names, read: _measured(streams, table, names, read, options))
+    for name in names:
+        check_topic_part(table.path, name)
+    scale = FORCE_UNITS[options.unit] * FORCE_SIGNS[options.sign] / options.counts
+    streams.add_forces(t_ns, options.frame, names, force * scale)
 
 
-def _optical(encoder, options, table, t_ns, report):
-    topic = '/optical/markers'
+def _points(streams, options, table):
+    """(names, positions (n, k, 3) [m]) of markers or tools."""
+    _check_unit(table, options, LENGTH_UNITS)
     names, points = table.columns(options.columns, options.names, options.axes)
-    points = points * LENGTH_UNITS[options.unit]
-    report[topic] = sampling(t_ns, np.isnan(points).any(axis=2))
-
-    def records():
-        for k, t in enumerate(t_ns.tolist()):
-            yield t, topic, k, encoder.optical_frame(t, options.frame, int(table.frames[k]), names,
-                                                     points[k])
-    return [(topic, encode.OPTICAL)], records()
+    points = _by_state(table, options, names, points)
+    points = _measured(streams, table, names, points, options, points=True, what='positions')
+    return names, points * LENGTH_UNITS[options.unit]
 
 
-def _tools(encoder, options, table, t_ns, report):
-    names, points = table.columns(options.columns, options.names, options.axes)
-    points = points * LENGTH_UNITS[options.unit]
+def _optical(streams, options, table, t_ns):
+    names, points = _points(streams, options, table)
+    streams.add_optical(t_ns, options.frame, names, points, table.frames)
+
+
+def _tools(streams, options, table, t_ns):
+    names, points = _points(streams, options, table)
+    for name in names:
+        check_topic_part(table.path, name)
     keys = options.names or dict(zip(names, names, strict=True))
-    turns = np.broadcast_to(encode.IDENTITY, (*points.shape[:2], 4))
+    turns = quality = None
     if options.quaternion:
         turns = table.columns(options.quaternion, keys, QUATERNION_AXES)[1]
-    quality = np.full(points.shape[:2], encode.NOT_MEASURED)
+        turns = _unit_turns(streams, table, names, turns)
     if options.quality:
         quality = table.columns(options.quality, keys)[1][:, :, 0]
-    known = np.isfinite(points).all(axis=2) & np.isfinite(turns).all(axis=2)
-    topics = []
-    for i, name in enumerate(names):
-        report[f'/em/{name}/pose'] = sampling(t_ns, ~known[:, i:i + 1])
-        topics += [(f'/em/{name}/pose', encode.POSE), (f'/em/{name}/status', encode.TOOL_STATUS)]
+    streams.add_tools(t_ns, options.frame, names, points, table.frames, turns=turns,
+                      quality=quality)
 
-    def records():
-        for k, t in enumerate(t_ns.tolist()):
-            for i, name in enumerate(names):
-                if known[k, i]:
-                    yield t, f'/em/{name}/pose', k, encoder.pose(
-                        t, options.frame, points[k, i], turns[k, i])
-                yield t, f'/em/{name}/status', k, encoder.tool_status(
-                    t, options.frame, name, int(table.frames[k]), known[k, i], quality[k, i])
-    return topics, records()
+
+def _unit_turns(streams, table, names, turns):
+    """Quaternions (n, k, 4), NaN where they are none: a length far from one."""
+    size = np.linalg.norm(turns, axis=2)
+    bad = np.isfinite(size) & (np.abs(size - 1.0) > LENGTH_OFF)
+    for k in np.flatnonzero(bad.any(axis=0)):
+        rows = np.flatnonzero(bad[:, k])
+        streams.notes.append(f'{table.path}: the quaternion of {names[k]} is none in {len(rows)} '
+                             f'rows (length {size[rows[0], k]:.3g}), the first in line '
+                             f'{table.lines[rows[0]]}: not measured there.')
+    return np.where(bad[..., None], np.nan, turns)
 
 
 _BUILDERS = {'encoders': _encoders, 'forces': _forces, 'optical': _optical, 'em': _tools}
@@ -162,7 +241,7 @@ _BUILDERS = {'encoders': _encoders, 'forces': _forces, 'optical': _optical, 'em'
 def _check_patterns(where, kind, options):
     """A wrong placeholder is a mistake in the map: say so before any file is read."""
     for key, allowed in (('columns', ('key', 'axis')), ('quaternion', ('key', 'axis')),
-                         ('quality', ('key',))):
+                         ('quality', ('key',)), ('state', ('key',))):
         pattern = getattr(options, key, '')
         if kind == 'encoders':
             allowed = ('key',)
