@@ -52,6 +52,10 @@ class _Tally:
         if name not in self.series:
             return None
         times, values = self.series[name]
+        width = {len(value) for value in values if np.ndim(value) == 1}
+        if len(width) > 1:      # actuators that were first named later on
+            values = [np.pad(value, (0, max(width) - len(value)), constant_values=np.nan)
+                      for value in values]
         return Series(np.array(times), np.array(values))
 
 
@@ -64,7 +68,17 @@ def _xyz(p):
 
 
 def _on_encoder(tally, topic, t, msg):
-    tally.add('encoder', t, _by_actuator(tally, topic, msg.name, msg.position))
+    """Some actuators may be missing in a message: the import leaves out what was not read."""
+    names = tuple(msg.name)
+    if not names or (len(names) == len(msg.position) and set(names) == set(tally.actuators)):
+        tally.add('encoder', t, _by_actuator(tally, topic, names, msg.position))
+        return
+    if len(set(names)) != len(names) or len(names) != len(msg.position):
+        raise RecordingError(f'{topic}: {", ".join(names)} with {len(msg.position)} positions; '
+                             'must name each actuator once, with one position each')
+    tally.actuators = tuple(dict.fromkeys((*tally.actuators, *names)))
+    given = dict(zip(names, msg.position, strict=True))
+    tally.add('encoder', t, np.array([given.get(name, np.nan) for name in tally.actuators]))
 
 
 def _by_actuator(tally, topic, names, position):

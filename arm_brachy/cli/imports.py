@@ -1,16 +1,37 @@
 """`arm-brachy import csv | c3d | scene`: a laboratory's files to bags and scenes."""
 
 import importlib
+import io
 from pathlib import Path
 
 import click
+from ruamel.yaml import YAML
 
-from arm_brachy.cli.output import console, json_option, new_folder, show, summary, working
+from arm_brachy.cli.output import (
+    console,
+    json_option,
+    new_folder,
+    show,
+    summary,
+    working,
+    writable,
+)
 from arm_brachy.core import config
 from arm_brachy.core.scene import load_scene
+from arm_brachy.recording.csv_map import ColumnMap
+from arm_brachy.recording.csv_presets import PRESETS, preset_map
 from arm_brachy.recording.import_c3d import C3dImport, import_c3d
-from arm_brachy.recording.import_csv import import_csv
+from arm_brachy.recording.import_csv import import_csv, import_map
 from arm_brachy.recording.scene_import import import_scene
+
+
+scene_option = click.option(
+    '--scene', type=click.Path(), metavar='FILE',
+    help='Scene that was recorded: what `diagnose` would refuse of the recording is refused here, '
+         'and what it would leave out is told.')
+picture_option = click.option(
+    '--picture', type=click.Path(), callback=writable, metavar='FILE',
+    help='Also draw the streams over time, gaps marked, as .png, .svg or .pdf.')
 
 
 @click.group(name='import')
@@ -24,23 +45,35 @@ def import_():
 
 
 @import_.command(name='csv')
-@click.argument('column_map', type=click.Path())
+@click.argument('files', nargs=-1, required=True, type=click.Path(), metavar='COLUMN_MAP')
+@click.option('--preset', metavar='NAME',
+              help='Instead of a column map the files that an instrument exported are given; NAME: '
+                   f'{", ".join(PRESETS)}.')
+@click.option('--rate', 'rate', type=float, default=0.0, metavar='HZ',
+              help='With --preset: of frame numbers, where the files do not state it.')
+@click.option('--map', 'map_file', type=click.Path(), callback=writable, metavar='FILE',
+              help='With --preset: also write the column map that it stands for, to be edited.')
 @click.option('--folder', type=click.Path(), metavar='FOLDER',
               help='What the file names in the map are relative to. Default: the folder of the '
                    'map.')
-@click.option('--out', required=True, type=click.Path(), metavar='FOLDER',
-              help='Of the bag; new or empty.')
+@click.option('--out', type=click.Path(), metavar='FOLDER',
+              help='Of the bag; new or empty. With --preset it may be left out: then the column '
+                   'map is printed.')
 @click.option('--name', help='Of the recording, where one map is for several. Default: that of '
                              'the map.')
-@click.option('--scene', type=click.Path(), metavar='FILE',
-              help='Scene that was recorded: what `diagnose` would refuse of the recording is '
-                   'refused here, and what it would leave out is told.')
+@scene_option
+@picture_option
 @json_option
-def csv_command(column_map, folder, out, name, scene, json_file):
+def csv_command(files, preset, rate, map_file, folder, out, name, scene, picture, json_file):
     """CSV files to a bag; COLUMN_MAP (YAML) says which column is what.
 
-    Times, jitter included, are kept as they are. What is no number is refused by file, line and
-    column. The map's keys: `arm-brachy keys columns`, arm_brachy/recording/README.md.
+    Times, jitter included, are kept as they are. Columns that the map does not name are not read;
+    what is no number in one that it names is refused by file, line and column. Numbers that stand
+    for "not measured" are taken out and told. The map's keys: `arm-brachy keys columns`,
+    arm_brachy/recording/README.md.
+
+    Presets make the map for what an instrument exports: nexus (Vicon Nexus), motive (OptiTrack
+    Motive), qualisys (Qualisys TSV), ndi (NDI Toolbox, Track, Capture), ati (ATI Net F/T).
 
     Told of every stream: rate_Hz by the median period, jitter_ms the standard deviation of the
     steps that are no gaps, the longest step, rows that are lost by that period, values that are
@@ -50,15 +83,56 @@ def csv_command(column_map, folder, out, name, scene, json_file):
     Example:
       arm-brachy import csv config/imports/dome_rig.yaml \\
         --folder recordings/A --out runs/dome_rig_a
+      arm-brachy import csv --preset ndi track.csv --rate 60 --out runs/track
     """
     recorded = load_scene(scene) if scene else None
-    with new_folder(out) as bag, working(f'reading the files of {column_map}'):
-        found = import_csv(column_map, bag, folder=folder, name=name)
+    text = _preset_text(preset, files, rate, recorded) if preset else None
+    if preset is None and (len(files) > 1 or rate or map_file):
+        raise click.UsageError('one COLUMN_MAP; several files, --rate and --map are for --preset.')
+    if map_file:
+        map_file.write_text(text, encoding='utf-8')
+    if out is None:
+        if preset is None:
+            raise click.UsageError("Missing option '--out'.")
+        click.echo(text, nl=False)
+        return
+    with new_folder(out) as bag, working(f'reading the files of {files[0]}'):
+        if preset:
+            where = Path(f'{preset}.yaml')
+            column_map = config.from_mapping(ColumnMap, YAML(typ='safe').load(text), where.name)
+            found = import_map(column_map, where, bag, folder=folder, name=name, text=text)
+        else:
+            found = import_csv(files[0], bag, folder=folder, name=name)
         _note(f'{file}: not there, left out' for file in found['absent'])
         _note(found['notes'])
-        _note(_checked(bag, recorded) if recorded else ())
-    rows = [{'stream': name, **figures} for name, figures in found['streams'].items()]
-    show(summary('import csv', rows), json_file)
+        _finish(bag, recorded, picture)
+    _show_streams('import csv', found, json_file)
+
+
+def _preset_text(preset, files, rate, scene):
+    """The column map of a preset as YAML."""
+    known = () if scene is None else tuple(m.name for m in scene.markers)
+    mapping = preset_map(preset, files, rate=rate, known=known)
+    stream = io.StringIO()
+    yaml = YAML()
+    yaml.width = 99
+    yaml.dump(mapping, stream)
+    return (f'# Column map of --preset {preset}; paths are relative to the folder of this file.\n'
+            + stream.getvalue())
+
+
+def _finish(bag, scene, picture):
+    """Check a new bag beside its scene, and draw it, as was asked for."""
+    if scene is not None:
+        _note(_checked(bag, scene))
+    if picture is not None:
+        importlib.import_module('arm_brachy.cli.picture').draw_streams(bag, picture)
+        console.print(f'picture  {picture}', highlight=False)
+
+
+def _show_streams(name, found, json_file):
+    rows = [{'stream': topic, **figures} for topic, figures in found['streams'].items()]
+    show(summary(name, rows), json_file)
     console.print(f"bag  {found['bag']}  {sum(found['messages'].values())} messages",
                   highlight=False)
 

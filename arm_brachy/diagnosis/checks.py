@@ -11,10 +11,9 @@ from arm_brachy.recording.rigid import fit_rigid
 
 OUT_OF_SCALE = 30.0     # between any honest misfit and the 1000 of a wrong unit
 FAINT = 300.0           # times less force than a punch: no tissue is so soft by mistake
+STILLEST = 2e-5         # m, less than the noise of any EM tracker (0.5 mm; 0.1 mm at best)
 FELT = 0.3              # N that any load cell for it shows
 SHARED = 0.5            # of the shorter stream that must lie within the other's time
-ALIKE = 0.2             # of the distance of two markers, that an exchange may be off from it
-BETTER = 1.0 / 3.0      # of the misfit that an exchange of two names leaves
 LENGTHS = {'10': 10.0, '0.1': 0.1, '100': 100.0, '0.01': 0.01, '25.4': 25.4}
 MISSHAPEN = 0.15        # of the markers' rms distance from their middle, left by a rigid fit
 FEWEST_READ = 10        # samples of all encoders at one time
@@ -90,6 +89,8 @@ def refuse_wrong_units(name, streams, scene):
     for kind in (OPTICAL, EM):
         if kind in streams:
             _check_positions(name, streams[kind], scene)
+    if ENCODER in streams and EM in streams:
+        _check_still(name, streams[EM], streams[ENCODER])
     if ENCODER in streams and scene.pads:
         stroke = max(pad.stroke for pad in scene.pads)
         travel = float(np.nanmax(np.abs(streams[ENCODER].values)))
@@ -115,6 +116,17 @@ def _check_positions(name, stream, scene):
         raise RecordingError(
             f'{name}: {stream.kind} positions span {measured:.3g} m, in scene {scene.name} '
             f'{expected:.3g} m; lengths must be in metres: mend the unit of the import')
+
+
+def _check_still(name, stream, encoder):
+    """A tool whose place varies by less than any tracker's noise is in another unit."""
+    travel = float(np.nanmax(np.ptp(encoder.values[encoder.valid.all(axis=1), :, 0], axis=0),
+                             initial=0.0))
+    moved = float(np.nanmax(np.nanmax(stream.values, axis=0) - np.nanmin(stream.values, axis=0)))
+    if 0.0 < moved < min(travel / FAINT, STILLEST):
+        raise RecordingError(
+            f'{name}: EM tools stay within {1e3 * moved:.2g} mm, noise and all, while pads travel '
+            f'{1e3 * travel:.3g} mm; lengths must be in metres: mend the unit of the import')
 
 
 def _spread(points):
@@ -186,15 +198,8 @@ def refuse_misshapen(name, names, found, wanted, scene):
     exchanged, whichever, they are named.
     """
     size, misfit = _spread(wanted), _misfit(found, wanted)
-    if misfit is None:
+    if misfit is None or misfit <= MISSHAPEN * size:
         return
-    pair = _exchange(found, wanted, misfit)
-    if misfit <= MISSHAPEN * size and pair is None:
-        return
-    if pair is not None:
-        raise RecordingError(f'{name}: the markers fit scene {scene.name} only with the names '
-                             f'of {names[pair[0]]} and {names[pair[1]]} exchanged; mend the '
-                             'import')
     for words, ratio in LENGTHS.items():
         if (left := _misfit(found * ratio, wanted)) is not None and left <= MISSHAPEN * size:
             raise RecordingError(f'{name}: the markers fit scene {scene.name} only with all '
@@ -212,28 +217,6 @@ def refuse_misshapen(name, names, found, wanted, scene):
         f'mm rms after the best rigid fit, {100.0 * misfit / size:.0f} % of their spread, at '
         f'most {100.0 * MISSHAPEN:.0f} % is a deformation; most at {names[one]} and {names[two]}: '
         'give the scene it was made with')
-
-
-def _exchange(found, wanted, misfit):
-    """(i, j) of two markers whose places are each other's, None if there are none.
-
-    After the fit each is off by what parts them, and exchanged the fit is far better: also of two
-    that are close together, which the size of the misfit does not tell.
-    """
-    if len(found) < 4:
-        return None
-    try:
-        off = fit_rigid(found, wanted).apply(found) - wanted
-    except RecordingError:      # on one line
-        return None
-    for i, j in combinations(range(len(found)), 2):
-        apart = wanted[j] - wanted[i]
-        far = np.linalg.norm(apart)
-        if far > 0.0 and np.linalg.norm(off[i] - off[j] - 2.0 * apart) < 2.0 * ALIKE * far:
-            left = _misfit(_exchanged(found, i, j), wanted)
-            if left is not None and left < BETTER * misfit:
-                return i, j
-    return None
 
 
 def _misfit(found, wanted):

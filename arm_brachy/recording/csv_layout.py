@@ -21,6 +21,7 @@ LENGTHS = {'meters': 'm', 'm': 'm', 'centimeters': 'cm', 'cm': 'cm', 'millimeter
            'mm': 'mm'}
 FORCES = {'n': 'N', 'kn': 'kN', 'lbf': 'lbf', 'lb': 'lbf', 'kgf': 'kgf', 'kg': 'kgf'}
 PORT = 'Port'           # begins the cell before the columns of an NDI tool
+QTM_KEY = re.compile(r'[A-Z]+(_[A-Z]+)+|FREQUENCY|DESCRIPTION|EVENT')
 PREAMBLE = 40           # lines among which a header stands
 
 
@@ -131,9 +132,11 @@ def _nexus(lines, delimiter):
 def _qualisys(lines, delimiter):
     rows = [cells_of(line, delimiter) for line in lines[:PREAMBLE]]
     said = {}
-    for at, row in enumerate(rows):
-        if not re.fullmatch(r'[A-Z]+(_[A-Z]+)+|FREQUENCY|DESCRIPTION|EVENT', row[0] if row else ''):
-            break
+    at = next((i for i, row in enumerate(rows) if not QTM_KEY.fullmatch(row[0] if row else '')),
+              None)
+    if at is None:
+        return None
+    for row in rows[:at]:
         said.setdefault(row[0], row[1:])
     if said and not {'NO_OF_FRAMES', 'MARKER_NAMES'} & set(said):
         return None
@@ -155,7 +158,8 @@ def _qualisys(lines, delimiter):
 
 def _ndi(lines, delimiter):
     row = cells_of(lines[0], delimiter)
-    if not row or row[0].lstrip('#') != 'Tools' or not any(cell.startswith(PORT) for cell in row[1:]):
+    ports = [cell for cell in row[1:] if cell.startswith(PORT)]
+    if not ports or row[0].lstrip('#') != 'Tools':
         return None
     return Layout('NDI', 'ndi', 1, group=PORT, unit='mm')
 

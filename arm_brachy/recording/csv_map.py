@@ -139,8 +139,11 @@ class Tools:
     axes: tuple[str, str, str] = word(AXES, default=('x', 'y', 'z'))
     names: dict[str, str] = word(f'targets: {NAMES}', default_factory=dict)
     frame: str = word('frame_id that is written', default='world')
-    quaternion: str = word('pattern with {axis} in x, y, z, w; empty = orientation not measured, '
-                           'the identity is written', default='')
+    quaternion: str = word('pattern with {axis}, of `quaternion_axes`; empty = orientation not '
+                           'measured, the identity is written', default='')
+    quaternion_axes: tuple[str, str, str, str] = word(
+        'what {axis} stands for in it, along x, y, z and of the real part w',
+        default=('x', 'y', 'z', 'w'))
     zeros: Literal['gap', 'place'] = word(ZEROS, default='gap')
     state: str = word(STATE, default='')
     measured: tuple[str, ...] = word('words of that column of what was measured',

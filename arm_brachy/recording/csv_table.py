@@ -107,8 +107,8 @@ def text_lines(path, encoding='utf-8'):
         raise RecordingError(f'{path}: no such file') from None
     except UnicodeDecodeError as error:
         line = data.count(b'\n', 0, error.start) + 1
-        raise RecordingError(f'{path}:{line}: byte {data[error.start]:#04x} is no {encoding}; give '
-                             'the encoding of the file, e.g. `encoding: cp1252`') from None
+        raise RecordingError(f'{path}:{line}: byte {data[error.start]:#04x} is no {encoding}; '
+                             'give the encoding of the file, e.g. `encoding: cp1252`') from None
     except LookupError:
         raise RecordingError(f'{path}: encoding {encoding!r} is not known; must be one such as '
                              'utf-8, cp1252, utf-16') from None
@@ -192,8 +192,8 @@ def _refuse_other_delimiter(path, lines, at, options):
     comma = any(re.fullmatch(r'-?\d+,\d+', cell) for cell in below)
     shown = '"\\t"' if better == '\t' else f'"{better}"'
     raise RecordingError(
-        f'{path}:{at + 1}: one column only, by the delimiter {options.delimiter!r}; must be several'
-        f': set `delimiter: {shown}`' + (' and `decimal: ","`' if comma else ''))
+        f'{path}:{at + 1}: one column only, by the delimiter {options.delimiter!r}; must be '
+        f'several: set `delimiter: {shown}`' + (' and `decimal: ","`' if comma else ''))
 
 
 def _rows(path, lines, options, header, first):

@@ -14,7 +14,6 @@ from arm_brachy.recording.csv_table import read_table
 from arm_brachy.recording.lab_streams import LabStreams
 from arm_brachy.recording.stand_ins import without_stand_ins
 
-QUATERNION_AXES = ('x', 'y', 'z', 'w')
 KINDS = ('encoders', 'forces', 'optical', 'em')
 LENGTH_OFF = 0.1    # of the length of a quaternion from one: written with two decimals at worst
 TOPIC_PART = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')  # of a ROS 2 name
@@ -115,8 +114,8 @@ def _check_lines(where, options):
     for key in ('delimiter', 'decimal'):
         value = getattr(options, key)
         if len(value) != 1 or value in '"\r\n':
-            raise ConfigError(f'{where}: csv.{key} is {value!r}; must be one sign; a tab is "\\t", '
-                              'in double quotes')
+            raise ConfigError(f'{where}: csv.{key} is {value!r}; must be one sign; a tab is '
+                              '"\\t", in double quotes')
     if options.decimal == options.delimiter:
         raise ConfigError(f'{where}: csv.decimal is {options.decimal!r}, as is csv.delimiter; '
                           "must be another sign; give the delimiter, e.g. ';'")
@@ -180,6 +179,10 @@ def _check_unit(table, options, units):
 def _encoders(streams, options, table, t_ns):
     names, cells = table.columns(options.columns, options.names)
     cells = _measured(streams, table, names, cells, options)
+    for k in np.flatnonzero(np.isnan(cells).any(axis=(0, 2))):
+        rows = np.flatnonzero(np.isnan(cells[:, k, 0]))
+        streams.notes.append(f'{table.path}: {names[k]} was not read in {len(rows)} rows, the '
+                             f'first in line {table.lines[rows[0]]}.')
     streams.add_encoders(t_ns, options.frame, names,
                          cells[:, :, 0] * LENGTH_UNITS[options.unit])
 
@@ -215,7 +218,7 @@ def _tools(streams, options, table, t_ns):
     keys = options.names or dict(zip(names, names, strict=True))
     turns = quality = None
     if options.quaternion:
-        turns = table.columns(options.quaternion, keys, QUATERNION_AXES)[1]
+        turns = table.columns(options.quaternion, keys, options.quaternion_axes)[1]
         turns = _unit_turns(streams, table, names, turns)
     if options.quality:
         quality = table.columns(options.quality, keys)[1][:, :, 0]

@@ -172,7 +172,7 @@ def test_frame_numbers_are_times_by_their_rate_only(tmp_path):
     with pytest.raises(RecordingError, match='rows are counted; must have `rate_Hz`'):
         table(tmp_path, text, time='')
     out = table(tmp_path, 'n,x\n1,0\n2,0\n3,0\n', time='n')
-    assert "whole seconds, one by one; if they count samples, set `rate_Hz`" in out.notes[0]
+    assert 'whole seconds, one by one; if they count samples, set `rate_Hz`' in out.notes[0]
 
 
 def test_encodings(tmp_path):

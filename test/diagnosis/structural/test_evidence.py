@@ -313,3 +313,19 @@ def test_recordings_of_one_name_are_told_apart_by_the_ends_of_their_paths(run, s
     assert [e.name for e in told_apart([one, one, other], bags)] == [
         'probe (a/bag)', 'probe (b/bag)', 'slow']
     assert told_apart([other], bags[:1])[0] is other
+
+
+@pytest.mark.parametrize('ratio, words', [(0.1, 'times 10;'), (10.0, 'times 0.1;'),
+                                          (1.0 / 25.4, 'positions span|times 25.4;')])
+def test_lengths_in_another_unit_are_named(run, scene, ratio, words):
+    with pytest.raises(RecordingError, match=words):
+        evidence_of(optical(run, points=ratio * run.optical.points), scene)
+
+
+def test_forces_and_tools_that_feel_nothing_are_in_another_unit(run, scene):
+    faint = replace(run, force=replace(run.force, values=1e-3 * run.force.values))
+    with pytest.raises(RecordingError, match='N only, where pushing'):
+        evidence_of(faint, scene)
+    em = {tool: replace(one, position=1e-3 * one.position) for tool, one in run.em.items()}
+    with pytest.raises(RecordingError, match='EM tools stay within|em positions span'):
+        evidence_of(replace(run, em=em), scene)

@@ -31,10 +31,26 @@ def swapped(values):
     (ENCODER, np.negative, 'mend the sign of the encoders'),
     (ENCODER, swapped, 'marker on pad_0 goes with the encoder of pad_1'),
     (FORCE, swapped, 'force on pad_0 goes with the encoder of pad_1'),
-    (FORCE, np.negative, 'mend `sign`')])
+    (FORCE, np.negative, 'mend `sign`'),
+    (ENCODER, lambda values: values * [[[-1.0], [1.0], [1.0]]],
+     'markers on pad_0 move against their encoders'),
+    (FORCE, lambda values: values * [[[1.0], [-1.0], [1.0]]], 'forces on pad_1 pull'),
+    (ENCODER, lambda values: 0.1 * values, 'go ten times as far as their encoders say'),
+    (ENCODER, lambda values: values / 25.4, 'go 25.4 times as far')])
 def test_signs_and_names_that_are_mixed_up_are_refused(sound, kind, change, said):
     with pytest.raises(RecordingError, match=said):
         prepare(changed(sound, kind, change))
+
+
+def test_pads_that_mostly_move_together_are_told_apart_by_what_they_do_alone(recorded, laboratory):
+    """Two pads in and out at once, then one a little further: exchanged encoders are found."""
+    both, more = np.array([6e-3, 6e-3, 0.0]), np.array([8e-3, 6e-3, 0.0])
+    run = laboratory().record([(both, 0.02, 0.5), (more, 0.02, 0.5), (both, 0.02, 0.5),
+                               (np.zeros(3), 0.02, 0.5)])
+    evidence = evidence_of(run, laboratory().scene)
+    assert prepare(evidence).motion is not None
+    with pytest.raises(RecordingError, match='marker on pad_0 goes with the encoder of pad_1'):
+        prepare(changed(evidence, ENCODER, swapped))
 
 
 def test_markers_on_a_clock_that_is_far_off_are_refused(sound):
