@@ -1,4 +1,4 @@
-"""`arm-brachy import csv | c3d | scene`: a laboratory's files to bags and scenes."""
+"""`arm-brachy import csv | bag | c3d | scene`: a laboratory's files to bags and scenes."""
 
 import importlib
 import io
@@ -20,10 +20,10 @@ from arm_brachy.core import config
 from arm_brachy.core.scene import load_scene
 from arm_brachy.recording.csv_map import ColumnMap
 from arm_brachy.recording.csv_presets import PRESETS, preset_map
+from arm_brachy.recording.import_bag import import_bag
 from arm_brachy.recording.import_c3d import C3dImport, import_c3d
 from arm_brachy.recording.import_csv import import_csv, import_map
 from arm_brachy.recording.scene_import import import_scene
-
 
 scene_option = click.option(
     '--scene', type=click.Path(), metavar='FILE',
@@ -47,7 +47,7 @@ def import_():
 @import_.command(name='csv')
 @click.argument('files', nargs=-1, required=True, type=click.Path(), metavar='COLUMN_MAP')
 @click.option('--preset', metavar='NAME',
-              help='Instead of a column map the files that an instrument exported are given; NAME: '
+              help='The files given are what an instrument exported, not a column map; NAME: '
                    f'{", ".join(PRESETS)}.')
 @click.option('--rate', 'rate', type=float, default=0.0, metavar='HZ',
               help='With --preset: of frame numbers, where the files do not state it.')
@@ -146,6 +146,35 @@ def _checked(bag, scene):
 def _note(notes):
     for note in notes:
         console.print(f'note  {note}', markup=False, highlight=False)
+
+
+@import_.command(name='bag')
+@click.argument('bag', type=click.Path())
+@click.argument('topic_map', type=click.Path())
+@click.option('--out', required=True, type=click.Path(), metavar='FOLDER',
+              help='Of the new bag; new or empty.')
+@click.option('--name', help='Of the recording. Default: that of the map.')
+@scene_option
+@picture_option
+@json_option
+def bag_command(bag, topic_map, out, name, scene, picture, json_file):
+    """A laboratory's own ROS 2 BAG to a bag; TOPIC_MAP (YAML) says which topic is what.
+
+    BAG is a rosbag2 folder, MCAP or sqlite3, or an .mcap file. Of it are read JointState,
+    WrenchStamped, PoseStamped, PointStamped, TransformStamped, TFMessage, PoseArray, PointCloud2
+    and OpticalFrame. The map's keys: `arm-brachy keys topics`.
+
+    \b
+    Example:
+      arm-brachy import bag lab_bag config/imports/lab_bag.yaml \\
+        --scene config/scenes/breast.yaml --out runs/lab
+    """
+    recorded = load_scene(scene) if scene else None
+    with new_folder(out) as folder, working(f'reading {bag}'):
+        found = import_bag(bag, topic_map, folder, name=name)
+        _note(found['notes'])
+        _finish(folder, recorded, picture)
+    _show_streams('import bag', found, json_file)
 
 
 @import_.command(name='c3d')

@@ -10,9 +10,11 @@ from arm_brachy.core.config import key_rows
 from arm_brachy.core.scene import Scene
 from arm_brachy.diagnosis.finding import Calibration
 from arm_brachy.recording.csv_map import ColumnMap
+from arm_brachy.recording.topic_map import TopicMap
 from arm_brachy.scenario import Scenario
 
-FILES = {'scene': Scene, 'scenario': Scenario, 'calibration': Calibration, 'columns': ColumnMap}
+FILES = {'scene': Scene, 'scenario': Scenario, 'calibration': Calibration, 'columns': ColumnMap,
+         'topics': TopicMap}
 
 
 @click.command()
@@ -46,12 +48,12 @@ def nodes():
 @click.command()
 @click.argument('file', type=click.Choice(list(FILES)))
 def keys(file):
-    """Print the keys of scenes, scenarios, calibrations and column maps.
+    """Print the keys of scenes, scenarios, calibrations, column and topic maps.
 
     Default, allowed values, meaning, under the part of the file that they belong to; `- ` begins
     what is one item of a list. A calibration is for `arm-brachy diagnose`: standard deviations of
     what a sound laboratory leaves uncalibrated, the defaults where none is given. A column map
-    (`columns`) is for `arm-brachy import csv`.
+    (`columns`) is for `arm-brachy import csv`, a topic map (`topics`) for `import bag`.
 
     \b
     Example:

@@ -25,7 +25,7 @@ def force_vectors(options, table, measured):
     if strange:
         raise RecordingError(f'{table.path}: has the cells {", ".join(names)}; `mounted` has '
                              f'{", ".join(strange)} as well: it must name some of these')
-    turns = [_axes(*options.mounted[name]) if name in options.mounted else np.eye(3)
+    turns = [axes_of(*options.mounted[name]) if name in options.mounted else np.eye(3)
              for name in names]
     return names, np.einsum('nkj,kji->nki', read, np.array(turns))
 
@@ -36,8 +36,14 @@ def check_axes(where, options, by_axis):
     by_axis : True if the pattern of the columns has an {axis}, which cells of one axis have not
     """
     _check_directions(where, options, by_axis)
-    for name, (x, z) in options.mounted.items():
-        if options.directions or (options.names and name not in options.names):
+    check_mounting(where, options.mounted, () if options.directions else options.names or None)
+
+
+def check_mounting(where, mounted, names):
+    """Refuse, with a ConfigError, mountings that are none, or of cells not in names (None = any).
+    """
+    for name, (x, z) in mounted.items():
+        if names is not None and name not in names:
             raise ConfigError(f'{where}.mounted: has {name}; must be a three-axis cell of this '
                               'section, without `directions`')
         size = np.linalg.norm(x) * np.linalg.norm(z)
@@ -55,7 +61,7 @@ def _along_one_axis(options, table, measured):
     return names, read * ways
 
 
-def _axes(x, z):
+def axes_of(x, z):
     """Unit vectors (3, 3), a row each, along x, y and z of a right-handed cell; z as it is."""
     z = np.array(z) / np.linalg.norm(z)
     x = np.array(x) - np.dot(x, z) * z

@@ -46,14 +46,18 @@ class Header:
                 return found
         raise RecordingError(f'{self.path}: no column {name!r}; {self._offered(name)}')
 
-    def keys(self, pattern, axes):
-        """What {key} of a pattern stands for in these names; RecordingError if in none."""
+    def keys(self, pattern, axes, without=()):
+        """What {key} of a pattern stands for in these names; RecordingError if in none.
+
+        without : names of columns that are none of them, such as that of the times
+        """
         axis = '(?:' + '|'.join(re.escape(a) for a in axes) + ')'
         groups = {'key': '(?P<key>.+?)', 'axis': axis, None: ''}
         form = re.compile(''.join(re.escape(text) + groups[name]
                                   for text, name, *_ in string.Formatter().parse(pattern)))
         for names in self.forms:
-            found = [m.group('key') for m in map(form.fullmatch, names) if m]
+            found = [m.group('key') for m in map(form.fullmatch, names)
+                     if m and m.group() not in without]
             if found:
                 return tuple(dict.fromkeys(found))
         raise RecordingError(f'{self.path}: no column has the form {pattern!r}; {self._listed}')

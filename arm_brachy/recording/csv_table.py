@@ -59,7 +59,8 @@ class Table:
         Returns (our names, cells (n, names, axes)). Raises RecordingError if a column is absent or
         if no column has the pattern's form.
         """
-        keys = names or {k: k for k in self.header.keys(pattern, axes)}
+        clock = (self.options.time, self.options.frame_column)
+        keys = names or {k: k for k in self.header.keys(pattern, axes, without=clock)}
         cells = np.array([[self.column(pattern.format(key=key, axis=axis)) for axis in axes]
                           for key in keys.values()])
         return tuple(keys), np.moveaxis(cells, 2, 0)

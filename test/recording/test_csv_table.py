@@ -126,6 +126,8 @@ def test_columns_by_pattern(tmp_path):
     np.testing.assert_array_equal(cells, [[[1, 2], [3, 4]]])
     names, cells = out.columns('{key}_{axis}', {'mine': 'a'}, ('X', 'Y'))
     assert (names, cells.tolist()) == (('mine',), [[[3.0, 4.0]]])
+    names, _ = table(tmp_path, 't,n,east\n0,1,2\n', frame_column='n').columns('{key}', {})
+    assert names == ('east',)       # neither the times nor the counter
     with pytest.raises(RecordingError, match='no column has the form'):
         out.columns('q{key}_mm', {})
     with pytest.raises(RecordingError, match="no column 'c_X'"):
