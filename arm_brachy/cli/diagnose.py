@@ -4,19 +4,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from arm_brachy.cli.output import (
     console,
-    errors,
     json_option,
     new_folder,
     result_folder,
     show_table,
     summary,
+    working,
 )
+from arm_brachy.cli.progress import Clock, TimeIsOver, ended_after, shown
 from arm_brachy.core.config import load
-from arm_brachy.core.errors import ConfigError, InputError
+from arm_brachy.core.errors import ArmBrachyError, ConfigError, InputError, Interrupted
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis import diagnose as stages
 from arm_brachy.diagnosis import words
@@ -28,7 +28,10 @@ from arm_brachy.diagnosis.free_body import is_free
 from arm_brachy.diagnosis.free_run import as_let_go
 from arm_brachy.diagnosis.motion import motion_of
 from arm_brachy.diagnosis.page import write_diagnosis
+from arm_brachy.diagnosis.partial import partial_answer, quick_answer
+from arm_brachy.diagnosis.progress import FREE_STEPS, STEPS, UNITS
 from arm_brachy.diagnosis.pushes import moves_of
+from arm_brachy.diagnosis.screening import Known
 from arm_brachy.diagnosis.statements import edge_unit
 from arm_brachy.diagnosis.wording import parameter
 
@@ -51,11 +54,18 @@ from arm_brachy.diagnosis.wording import parameter
                    'granted: `arm-brachy keys calibration`.')
 @click.option('--seed', default=0, show_default=True, type=click.IntRange(0),
               help='Of the random draws in tests and meshes.')
+@click.option('--quick', is_flag=True,
+              help='A first look: what the signals show without a tissue model, and candidate '
+                   'terms ranked to first order at a few load states. No full fits, no verdict.')
+@click.option('--time-limit', type=click.FloatRange(min=0.0, min_open=True), metavar='SECONDS',
+              help='End after this time with what is known until then, as Ctrl-C does; exit '
+                   'status 1.')
 @click.option('--out', type=click.Path(), metavar='FOLDER',
               help='Of page, JSON and corrected scenario; new or empty. '
                    'Default: runs/diagnosis-<time>.')
 @json_option
-def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, out, json_file):
+def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, quick, time_limit, out,
+             json_file):
     """Say where BAGs differ from their model and what physics is missing.
 
     All BAGs are of one body. Kinds of push are held out in turn (or whole recordings, with
@@ -63,13 +73,16 @@ def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, out, jso
     are of one session, in which what drifts goes on. Beside the page comes a scenario with what
     was found, for `arm-brachy run`.
 
+    Ctrl-C ends with what is known until then: page and JSON are written, with verdict `partial`;
+    exit status 130. A second Ctrl-C writes nothing.
+
     \b
     Example:
       arm-brachy diagnose runs/probe/bag --scene config/scenes/breast.yaml
       arm-brachy diagnose bare_1 hung_1 --hold-out bare_2 --scene bare.yaml \\
           --scene-of hung_1=hung.yaml
     """
-    every = (*bags, *null, *held_out)
+    clock, every = Clock(UNITS), (*bags, *null, *held_out)
     files = scene_files(every, scene, scenes_of)
     read = {file: load_scene(file) for file in dict.fromkeys((scene, *files.values()))}
     calibrated = _calibration(calibration, read[scene])
@@ -81,16 +94,18 @@ def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, out, jso
     name = evidences[0].name if len(bags) == 1 else f'{len(bags)} recordings'
     made_by = summary(name, (), seed=seed)
     provenance = Provenance(name, seed, made_by.commit, made_by.machine, str(scene), (),
-                            _typed(bags, scene, scenes_of, null, held_out, calibration))
+                            _typed(bags, scene, scenes_of, null, held_out, calibration, quick))
+    clock.steps = FREE_STEPS if not read[scene].pads else STEPS
     with new_folder(result_folder(out, 'diagnosis')) as folder:
-        answer = _run(evidences, sound, tested, provenance, calibrated)
-        shown = _shows_most(answer.diagnosis, [one.scene for one in evidences])
-        found = _corrected(answer.diagnosis, evidences, shown, files[bags[shown]], folder)
+        answer = _run(evidences, sound, tested, provenance, calibrated, quick, time_limit, clock)
+        most = _shows_most(answer.diagnosis, [one.scene for one in evidences])
+        found = _corrected(answer.diagnosis, evidences, most, files[bags[most]], folder)
         write_diagnosis(found, answer.shown, folder / 'diagnosis.html')
         found.to_json(folder / 'diagnosis.json')
     if json_file:
         found.to_json(json_file)
     _show(found, folder)
+    _end(found, folder, time_limit)
 
 
 def _calibration(path, scene):
@@ -120,25 +135,40 @@ def scene_files(bags, scene, scenes_of):
     return files
 
 
-def _typed(bags, scene, scenes_of, null, held_out, calibration):
+def _typed(bags, scene, scenes_of, null, held_out, calibration, quick):
     words_ = ['arm-brachy diagnose', *map(str, bags), f'--scene {scene}']
     words_ += [f'--scene-of {one}' for one in scenes_of]
     words_ += [f'--null {bag}' for bag in null]
     words_ += [f'--hold-out {bag}' for bag in held_out]
-    return ' '.join(words_ + ([f'--calibration {calibration}'] if calibration else []))
+    words_ += [f'--calibration {calibration}'] if calibration else []
+    return ' '.join(words_ + (['--quick'] if quick else []))
 
 
-def _run(evidences, sound, tested, provenance, calibration):
-    """The Answer, under a progress bar."""
-    with Progress(SpinnerColumn(), TextColumn('{task.description}'), BarColumn(),
-                  TimeElapsedColumn(), console=errors, transient=True) as bar:
-        task = bar.add_task('reading', total=1.0)
+def _run(evidences, sound, tested, provenance, calibration, quick, time_limit, clock):
+    """The Answer, under a line of progress; a partial one if it is ended before its time."""
+    known = Known()
+    left = None if time_limit is None else max(time_limit - clock.elapsed, 1e-3)
+    try:
+        with shown(clock) as progress, ended_after(left):
+            asked = quick_answer if quick else stages.diagnose
+            return asked(evidences, provenance, held_out=tested, null=sound, progress=progress,
+                         calibration=calibration, known=known)
+    except KeyboardInterrupt as ended:
+        if not known.evidences:
+            raise
+        why = 'time_limit' if isinstance(ended, TimeIsOver) else 'interrupted'
+        with working('writing what is known'):
+            return partial_answer(known, provenance, why, clock.elapsed)
 
-        def show(step, share):
-            bar.update(task, description=step, completed=share)
 
-        return stages.diagnose(evidences, provenance, held_out=tested, null=sound,
-                               progress=show, calibration=calibration)
+def _end(found, folder, time_limit):
+    """Raise Interrupted (130), or ArmBrachyError (1), for an answer that was ended early."""
+    why = found.unfinished and found.unfinished.why
+    if why == 'interrupted':
+        raise Interrupted(f'interrupted; what was known until then is in {folder}')
+    if why == 'time_limit':
+        raise ArmBrachyError(f'the time limit of {time_limit:g} s is over; what was known until '
+                             f'then is in {folder}')
 
 
 def _shows_most(found, scenes):
@@ -151,6 +181,8 @@ def _shows_most(found, scenes):
 
 def _corrected(found, evidences, shown, scene, folder):
     """The Diagnosis with the path of the corrected scenario, if there is anything to correct."""
+    if found.verdict == 'partial':
+        return found
     evidence = evidences[shown]
     if not [cause for cause in found.causes if cause.physical] and not found.recalibrated:
         return found

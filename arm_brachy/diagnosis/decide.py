@@ -598,3 +598,9 @@ class Judge:
 def _sorted(candidates):
     """Candidates as a tuple, the one of most evidence first."""
     return tuple(sorted(candidates, key=lambda c: -c.evidence))
+
+
+def fits_ahead(judge):
+    """Full fits that a Judge is likely to ask for: the promising causes, and one pair."""
+    promising = sum(one.evidence >= judge.rules.promising for one in judge.singles())
+    return min(promising, judge.rules.weighed) + (promising > 1)

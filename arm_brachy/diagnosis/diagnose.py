@@ -9,51 +9,33 @@ from dataclasses import dataclass, replace
 from threadpoolctl import threadpool_limits
 
 from arm_brachy.core.errors import InputError
-from arm_brachy.core.random import stream
-from arm_brachy.core.term import Kind
 from arm_brachy.diagnosis import conclude
 from arm_brachy.diagnosis.asking import asked
-from arm_brachy.diagnosis.astray import astray, unled
 from arm_brachy.diagnosis.blur import FINER, cut_rims, with_mesh
 from arm_brachy.diagnosis.checks import refuse_twice
 from arm_brachy.diagnosis.diagnosis import Diagnosis
 from arm_brachy.diagnosis.figures import body_of
-from arm_brachy.diagnosis.forward import ForwardModel
+from arm_brachy.diagnosis.finding_causes import with_findings
 from arm_brachy.diagnosis.free_answer import free_answer
-from arm_brachy.diagnosis.free_body import is_free
-from arm_brachy.diagnosis.from_finding import (
-    cause_of,
-    interval_of,
-    merged,
-    options_of,
-    place_of,
-)
-from arm_brachy.diagnosis.given import given, occasions_of, onsets_in
-from arm_brachy.diagnosis.hypotheses import try_all
-from arm_brachy.diagnosis.inertia import hint, inertia_of, with_lag
+from arm_brachy.diagnosis.free_screening import is_free
+from arm_brachy.diagnosis.from_finding import interval_of, place_of
+from arm_brachy.diagnosis.given import given, onsets_in
+from arm_brachy.diagnosis.inertia import hint
 from arm_brachy.diagnosis.inertia import said as said_of_inertia
 from arm_brachy.diagnosis.judgement import judged
 from arm_brachy.diagnosis.limits import limits_of
-from arm_brachy.diagnosis.looks import look_at
-from arm_brachy.diagnosis.matched import match
-from arm_brachy.diagnosis.mesh_errors import ensemble_of
-from arm_brachy.diagnosis.modulus import modulus_ratio, scaled
 from arm_brachy.diagnosis.nuisances import Priors
 from arm_brachy.diagnosis.page import Shown
 from arm_brachy.diagnosis.partial_residuals import partials
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.statements import Recording
+from arm_brachy.diagnosis.progress import ERRORS, FITS, untold
+from arm_brachy.diagnosis.screening import Known, notes_of, recordings_of, screen
 from arm_brachy.diagnosis.traces import traces
 from arm_brachy.diagnosis.wording import spoken
-from arm_brachy.registry import by_name
 
-CERTAIN = 0.999     # probability of what a finding says that has no rival
 MORE = ('More is left than better meshes of this size would change: solve on a finer one before '
         'physics is asked for.')
 BESIDE_NULLS = ('What the null recordings show the mesh to be wrong by is taken off the errors '
                 'held out, not off those as given: a corrected scene still has it.')
-STEPS = ('what the streams say by themselves', 'the model beside the recordings',
-         'every term of the catalogue', 'decision and full fits')
 
 
 @dataclass(frozen=True)
@@ -67,63 +49,56 @@ class Answer:
 # Its matrices are small: a second thread of BLAS doubled the processor time of a minute with the
 # breast and gained nothing.
 @threadpool_limits.wrap(limits=1)
-def diagnose(evidences, provenance, *, held_out=(), null=(), progress=None, accuracy=None,
-             calibration=None, meshes=None):
+def diagnose(evidences, provenance, *, held_out=(), null=(), progress=untold, accuracy=None,
+             calibration=None, meshes=None, known=None):
     """Return the Answer for evidence.Evidence of one scene.
 
     provenance : diagnosis.Provenance without recordings
     held_out : Evidence to test on, not fitted;  null : Evidence in which nothing is
     wrong: they calibrate, and what they show is no fault
-    progress : called with (step of STEPS, share done 0 to 1), or None
-    accuracy : model_error.Accuracy;  calibration : finding.Calibration
-    meshes : mesh_errors.EnsembleOptions; None = defaults, here as there
+    progress : as in `progress`;  accuracy : model_error.Accuracy
+    calibration : finding.Calibration;  meshes : mesh_errors.EnsembleOptions; None = defaults
+    known : screening.Known that gets what each step has found as it ends; of it `partial` makes
+        an Answer if this one is ended before its time
     Raises InputError and its kin for what cannot be compared or is there twice, NotConverged where
     the model has no state.
     Test: diagnosis/test_diagnose.py
     """
-    say = progress or (lambda step, share: None)
     evidences, held_out, null = tuple(evidences), tuple(held_out), tuple(null)
+    refuse_unfit(evidences, held_out, null)
+    known = Known() if known is None else known
+    if is_free(evidences[0].scene):
+        return Answer(*free_answer(evidences, provenance, held_out, progress, known))
+    screen(known, evidences, held_out, null, calibration, seed=provenance.seed,
+           accuracy=accuracy, meshes=meshes, progress=progress)
+    return _decided(known, provenance, accuracy, progress)
+
+
+def _decided(known, provenance, accuracy, progress):
+    """The Answer from a screening.Known of which everything was screened."""
+    looked, sound, ensemble = known.looked, known.sound, known.ensemble
+    found = given(looked, [f for one in sound for f in one.structure.findings], beside=looked)
+    judgement = judged(known.matched, known.tests, known.tried, len(sound), provenance.seed,
+                       accuracy, ensemble.limit, progress, known)
+    known.steps.append(FITS)
+    progress(ERRORS, 0, 2, 'next experiment')
+    provenance = replace(provenance, recordings=recordings_of(known))
+    left = ensemble.limit.left if judgement.at_limit else ensemble
+    request = asked(judgement.assembly, judgement.decision, left, known.calibration)
+    left_out = (*known.left_out, *said_of_inertia(known.matched, known.calibration),
+                *(note for m in (*known.matched, *known.tests) for note in m.notes))
+    progress(ERRORS, 1, 2, 'held-out errors')
+    return _answer(judgement, found, looked, provenance, known.ratio, left_out, request,
+                   None if sound else left)
+
+
+def refuse_unfit(evidences, held_out, null):
+    """Raise InputError for evidence.Evidence that is there twice, or of no one set-up."""
     refuse_twice((*evidences, *held_out, *null))
     if is_free(evidences[0].scene):
         _refuse_null(null)
-        return Answer(*free_answer(evidences, provenance, held_out,
-                                   lambda share: say(STEPS[2], share)))
-    _refuse_other_scenes((*evidences, *held_out, *null))
-    say(STEPS[0], 0.0)
-    calibration = with_lag(calibration, evidences[0].scene)
-    (looked, left_out), (sound, fewer), (tested, fewest) = look_at(
-        (evidences, null, held_out), calibration, lambda share: say(STEPS[0], share))
-    left_out = (*left_out, *fewer, *fewest)
-    say(STEPS[1], 0.0)
-    specimen, ratio = _specimen((*looked, *sound), evidences[0].scene)
-    ensemble = ensemble_of(ForwardModel(specimen), stream(provenance.seed, 'meshes'), meshes)
-    inertia = inertia_of(specimen)
-
-    def matches(looked, every):
-        """Matched of every Recorded, with what those of `looked` are certain of."""
-        out = []
-        for one in every:
-            out.append(match(one, specimen, ensemble, given((one,), beside=looked).terms,
-                             calibration=calibration, accuracy=accuracy, several=len(every) > 1,
-                             inertia=inertia))
-            say(STEPS[1], len(out) / len(every))
-        return out
-
-    looked, sound, tested, matched = _led_by_pads(looked, sound, tested, matches)
-    tests, matched = matched[len(looked) + len(sound):], matched[:len(looked) + len(sound)]
-    found = given(looked, [f for one in sound for f in one.structure.findings], beside=looked)
-    occasions = occasions_of(looked)
-    tried = try_all(matched, occasions, lambda done, of, name: say(STEPS[2], done / of))
-    say(STEPS[3], 0.0)
-    judgement = judged(matched, tests, tried, len(null), provenance.seed, accuracy,
-                       ensemble.limit)
-    provenance = replace(provenance, recordings=_recordings(looked, tested, sound))
-    left = ensemble.limit.left if judgement.at_limit else ensemble
-    request = asked(judgement.assembly, judgement.decision, left, calibration)
-    left_out = (*left_out, *said_of_inertia(matched, calibration),
-                *(note for m in (*matched, *tests) for note in m.notes))
-    return _answer(judgement, found, looked, provenance, ratio, left_out, request,
-                   None if null else left)
+    else:
+        _refuse_other_scenes((*evidences, *held_out, *null))
 
 
 def _refuse_null(null):
@@ -142,42 +117,6 @@ def _refuse_other_scenes(evidences):
                          'must be of one scene: several are for bodies without pads')
 
 
-def _specimen(recorded, scene):
-    """(Specimen with the modulus that forces ask for, its ratio to the scene's).
-
-    recorded : Recorded of one body; the first whose forces tell it does
-    """
-    specimen = specimen_of(scene)
-    ratio = next((one for one in (modulus_ratio(some, specimen) for some in recorded)
-                  if one != 1.0), 1.0)
-    better = scaled(scene, ratio)
-    if better is scene:
-        return specimen, 1.0
-    return specimen_of(better, specimen.mesh), ratio
-
-
-def _led_by_pads(looked, sound, tested, matches):
-    """The three groups of Recorded, and Matched each, without markers that go astray from pads.
-
-    matches : (looked, all three) -> Matched each. Held out recordings do not say which go astray.
-    """
-    matched = matches(looked, (*looked, *sound, *tested))
-    fitted = matched[:len(looked) + len(sound)]
-    strays = astray(fitted, [given((m.recorded,), beside=looked).open_terms for m in fitted])
-    if not strays:
-        return looked, sound, tested, matched
-    looked, sound, tested = (tuple(unled(one, strays) for one in some)
-                             for some in (looked, sound, tested))
-    return looked, sound, tested, matches(looked, (*looked, *sound, *tested))
-
-
-def _recordings(looked, tested, sound):
-    roles = ('fitted' if tested else 'fitted, kinds held out in turn', 'held out', 'null')
-    return tuple(Recording(one.name, role, *map(float, one.prepared.evidence.span))
-                 for group, role in zip((looked, tested, sound), roles, strict=True)
-                 for one in group)
-
-
 def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur):
     """blur : mesh_errors.Ensemble of what the mesh may be wrong by, None where nulls tell."""
     assembly, decision, fault = judgement.assembly, judgement.decision, judgement.fault
@@ -194,7 +133,7 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
     errors = conclude.errors_of(assembly, best, ratio, tests)
     errors = errors if blur is None else with_mesh(errors, blur, assembly.matched)
     notes = [*([] if blur is not None else [BESIDE_NULLS]), *left_out, *cut_rims(specimen),
-             *judgement.notes, *_notes(looked), *(note for one in fitted for note in one.notes)]
+             *judgement.notes, *notes_of(looked), *(note for one in fitted for note in one.notes)]
     causes, where, when = with_findings(found, scene, causes, where, when, decision)
     left = conclude.left_over(assembly, explanations)
     causes += [] if fault is None else [fault.cause()]
@@ -254,64 +193,3 @@ def _would_do(candidate):
     return (f'An effect like {" with ".join(map(spoken, candidate.causes))} would explain it; but '
             'these recordings push in one way only, and a load that comes with the push would '
             'explain it as well.')
-
-
-def _leads(decision):
-    """Names of the causes that explain most where none explains all."""
-    unsure = decision.verdict == 'unexplained' and decision.ranked
-    return set(decision.ranked[0].causes) if unsure else set()
-
-
-def with_findings(found, scene, causes, where, when, decision):
-    """The parts of the answer with those that findings make, one cause per term and place.
-
-    found : given.Given;  scene : core.scene.Scene;  causes, where, when : of the answer so far
-    decision : decide.Decision. Returns causes, where and when as lists.
-    One that has rivals is told unless the comparison with the model named one of them, or that
-    leads where nothing explains all: as a class with those that no model could have told from it,
-    if nothing else is one.
-    """
-    causes, where, when, seen, split = list(causes), list(where), list(when), set(), None
-    told = {cause.term for cause in causes}
-    known = told | _leads(decision)
-    sure = [*found.certain, *((f, name) for f, name in found.open
-                              if f.term not in told and not known & set(f.rivals))]
-    for finding, name in sure:
-        key = (finding.term, finding.channel, finding.parameter)
-        if key in seen:
-            when.append(interval_of(finding, name))
-            continue
-        seen.add(key)
-        alike = _alike(finding)
-        options = [(cause_of(finding, CERTAIN / (1 + len(alike))), finding)]
-        if alike and ((finding.term, alike) == split or _may_be_class(decision, causes)):
-            split = finding.term, alike     # of several pads: all have the one or the other
-            options = options_of(finding, alike, CERTAIN)
-        for cause, said in options:
-            if cause in causes:
-                continue
-            twins = [both for both in enumerate(merged(cause, one) for one in causes) if both[1]]
-            if twins:
-                causes[twins[0][0]] = twins[0][1]
-                continue
-            causes.append(cause)
-            where.append(place_of(said, scene, cause.option))
-            when.append(interval_of(said, name))
-    return causes, where, when
-
-
-def _alike(finding):
-    """Rivals of a finding but for tissue and boundary: these move markers, and were not found."""
-    return tuple(name for name in finding.rivals
-                 if by_name(name).spec.kind not in (Kind.TISSUE, Kind.BOUNDARY))
-
-
-def _may_be_class(decision, causes):
-    """True if an answer can have options: none yet, and it explains what there is."""
-    return decision.verdict in ('named', 'nothing_missing') and not any(c.option for c in causes)
-
-
-def _notes(looked):
-    return [note for one in looked for note in (
-        *one.prepared.evidence.notes,
-        *(note for noise in one.prepared.noise.values() for note in noise.notes))]

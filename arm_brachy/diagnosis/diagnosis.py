@@ -13,9 +13,10 @@ from arm_brachy.core.errors import InputError
 from arm_brachy.core.quantity import UNITS, quantities
 from arm_brachy.core.scene import Material
 from arm_brachy.diagnosis import words
+from arm_brachy.diagnosis.next_steps import what_next
 from arm_brachy.diagnosis.statements import edge_unit
 
-VERDICTS = ('named', 'nothing_missing', 'equivalent', 'unexplained')
+VERDICTS = ('named', 'nothing_missing', 'equivalent', 'unexplained', 'partial')
 RECALIBRATED = ('E', 'nu')   # fields of core.scene.Material that an overlay can carry
 
 
@@ -40,8 +41,9 @@ class Provenance:
 class Diagnosis:
     """What `diagnose` says of recordings beside a scene.
 
-    verdict : 'named', 'nothing_missing', 'equivalent' (the options cannot be told apart) or
-        'unexplained' (something is left that no term explains)
+    verdict : 'named', 'nothing_missing', 'equivalent' (the options cannot be told apart),
+        'unexplained' (something is left that no term explains) or 'partial' (no verdict: the
+        diagnosis did not run to its end)
     causes : cause.Cause;  option 0 holds in any case, of the other options one
     where, when : statements.Place and statements.Interval, most certain first
     alternatives : statements.Alternative that were considered and lost, best first
@@ -56,6 +58,8 @@ class Diagnosis:
     apart : separation of what is named from the nearest rival [sd];  None = no rival
     nearest : statements.Nearest, of a verdict 'unexplained' if anything stands out; else None
     findings : finding.Finding, what needs no tissue model;  notes : sentences
+    unfinished : statements.Unfinished of a verdict 'partial', else None
+    screen : statements.Screened, best first, of a verdict 'partial'
     Raises InputError if verdict and causes contradict each other.
     Test: diagnosis/test_diagnosis.py
     """
@@ -78,6 +82,8 @@ class Diagnosis:
     findings: tuple = ()
     notes: tuple = ()
     limits: tuple = ()
+    unfinished: object = None
+    screen: tuple = ()
 
     def __post_init__(self):
         if self.verdict not in VERDICTS:
@@ -100,6 +106,9 @@ class Diagnosis:
         if self.nearest is not None and self.verdict != 'unexplained':
             raise InputError(f'verdict {self.verdict} with what comes nearest; only what is '
                              'unexplained can have it')
+        if (self.verdict == 'partial') != (self.unfinished is not None):
+            raise InputError(f'verdict {self.verdict} {"with" if self.unfinished else "without"} '
+                             'a reason why it is not finished; only a partial one has it')
         if odd := set(self.recalibrated) - set(RECALIBRATED):
             raise InputError(f'recalibrated {", ".join(sorted(odd))}; must be of '
                              f'{", ".join(RECALIBRATED)}: what a scenario can carry')
@@ -159,6 +168,10 @@ def _body(d):
         'findings': [_finding(one) for one in d.findings],
         'notes': list(d.notes),
         'provenance': _provenance(d.provenance),
+        'remaining_misfit': [_remaining(one) for one in d.fit],
+        'what_next': list(what_next(d)),
+        'unfinished': None if d.unfinished is None else dataclasses.asdict(d.unfinished),
+        'linear_screen': [dataclasses.asdict(one) for one in d.screen],
     }
 
 
@@ -219,6 +232,10 @@ def _fit(one):
         ('as_given', one.as_given), ('recalibrated', one.recalibrated),
         ('with_the_causes', one.named), ('noise_floor', one.noise_floor), ('mesh', one.mesh))}
     return {'stream': one.stream, 'unit': unit, **rmse, 'held_out': one.held_out}
+
+
+def _remaining(one):
+    return {'stream': one.stream, 'times_noise': one.times_noise}
 
 
 def _next(one):

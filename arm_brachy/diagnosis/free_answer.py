@@ -7,26 +7,33 @@ from arm_brachy.diagnosis.diagnosis import Diagnosis
 from arm_brachy.diagnosis.figures import body_of
 from arm_brachy.diagnosis.free_body import free_diagnosis_parts
 from arm_brachy.diagnosis.page import Shown
+from arm_brachy.diagnosis.progress import untold
 from arm_brachy.diagnosis.statements import Recording
 from arm_brachy.tissue.build import build_body
 
 
-def free_answer(evidences, provenance, held_out=(), progress=None):
+def free_answer(evidences, provenance, held_out=(), progress=untold, known=None):
     """Return (Diagnosis, page.Shown) of evidence.Evidence for which `free_body.is_free`.
 
-    held_out : Evidence to test on, not looked at before;  progress : called with a share
+    held_out : Evidence to test on, not looked at before;  progress : as in `progress`
+    known : screening.Known that is kept up to date
     Raises what `free_body.free_diagnosis_parts` raises.
     """
     parts = free_diagnosis_parts(evidences, held_out=held_out, progress=progress,
-                                 rng=stream(provenance.seed, 'decision'))
-    recordings = [Recording(e.name, role, *map(float, e.span)) for group, role in (
-        (evidences, 'fitted'), (held_out, 'held out')) for e in group]
+                                 rng=stream(provenance.seed, 'decision'), known=known)
+    recordings = recordings_of(evidences, held_out)
     accepted = parts.decision.accepted
     found = Diagnosis(
-        parts.verdict, replace(provenance, recordings=tuple(recordings)), parts.causes,
+        parts.verdict, replace(provenance, recordings=recordings), parts.causes,
         parts.where, parts.when, parts.alternatives, parts.fit, parts.next_experiment,
         parts.recalibrated, evidence=accepted and accepted.evidence, held_out=parts.held_out,
         chance=parts.chance, apart=parts.apart, findings=parts.findings, notes=parts.notes,
         limits=parts.limits)
     scene = evidences[0].scene
     return found, Shown(body_of(scene, build_body(scene).mesh))
+
+
+def recordings_of(evidences, held_out):
+    """statements.Recording of each evidence.Evidence."""
+    return tuple(Recording(e.name, role, *map(float, e.span)) for group, role in (
+        (evidences, 'fitted'), (held_out, 'held out')) for e in group)

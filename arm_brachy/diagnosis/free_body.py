@@ -13,35 +13,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from arm_brachy.core.errors import InputError, NotConverged, RecordingError
 from arm_brachy.diagnosis import free_statements as said
 from arm_brachy.diagnosis import free_trace as trace
 from arm_brachy.diagnosis.adequacy import scan
-from arm_brachy.diagnosis.checks import OUT_OF_SCALE
-from arm_brachy.diagnosis.decide import Explanation, Judge, Rules
+from arm_brachy.diagnosis.decide import Explanation, Judge, Rules, fits_ahead
 from arm_brachy.diagnosis.free_damping import said as damping_said
-from arm_brachy.diagnosis.free_damping import unknown, with_damping
+from arm_brachy.diagnosis.free_damping import unknown
 from arm_brachy.diagnosis.free_doors import stood_back, told_apart
 from arm_brachy.diagnosis.free_findings import base_marker_findings
 from arm_brachy.diagnosis.free_fit import refit
 from arm_brachy.diagnosis.free_full import FreeFullFits
-from arm_brachy.diagnosis.free_hypotheses import EARTH, free_hypotheses
-from arm_brachy.diagnosis.free_look import Look
-from arm_brachy.diagnosis.free_model import free_specimen
-from arm_brachy.diagnosis.free_scenes import refuse_other_bodies
-from arm_brachy.diagnosis.free_study import FreeStudy
-from arm_brachy.diagnosis.free_table import SETTLED, FreePriors
+from arm_brachy.diagnosis.free_hypotheses import EARTH
+from arm_brachy.diagnosis.free_screening import DRIFTS, free_screen, possible, turned
 from arm_brachy.diagnosis.free_weights import with_weights
 from arm_brachy.diagnosis.inference import posterior
 from arm_brachy.diagnosis.limits import limits
-from arm_brachy.diagnosis.modulus import scaled
-from arm_brachy.diagnosis.prepared import prepare
+from arm_brachy.diagnosis.progress import (
+    ERRORS,
+    FITS,
+    Count,
+    untold,
+)
+from arm_brachy.diagnosis.screening import Known
 from arm_brachy.diagnosis.statements import Alternative, NextExperiment, Place, StreamFit
 
-DRIFTS = ('stiffness_drift', 'swelling_drift')
-ABSURD = 'it would need a value that is impossible'
 NOTHING = 'fitted in full, nothing of it is left'
-AFRESH = 'it would have to begin anew with every recording'
 KNOWN = ('Of a released body only modulus over density is seen: E holds if the density of the '
          'scene does.')
 DIRECTION = 'The size of gravity is taken as known, its direction is not.'
@@ -83,135 +79,46 @@ class FreeParts:
     limits: tuple = ()
 
 
-def is_free(scene):
-    """True for a core.scene.Scene that this diagnosis is for: no pads, and inertia counts."""
-    return not scene.pads and scene.dynamics == 'implicit'
-
-
-def free_diagnosis_parts(evidences, held_out=(), progress=None, rng=None, *,
-                         drifts_restart=True):
+def free_diagnosis_parts(evidences, held_out=(), progress=untold, rng=None, *,
+                         drifts_restart=True, known=None):
     """Return the FreeParts of recordings of one body that was let go.
 
     evidences : evidence.Evidence to fit, held_out : to test on, not looked at before; each
         carries its scene, so that loads may differ
-    progress : called with a share
+    progress : as in `progress`;  known : screening.Known that is kept up to date, or None
     rng : numpy.random.Generator for the structured tests
     drifts_restart : False where the recordings are of one day of one body, so that no drift can
         begin anew with each: it is then no explanation of more than one. Data do not show this
     Raises InputError, RecordingError, NotConverged.
     """
-    for one in (*evidences, *held_out):
-        if not is_free(one.scene):
-            raise InputError(f'{one.name}: its scene has pads or is quasi-static; must be a free '
-                             'body with dynamics: implicit')
     rng = np.random.default_rng(0) if rng is None else rng
-    priors = FreePriors()
-    looks = [Look(prepare(e)) for e in (*evidences, *held_out)]
-    fitted, tested = looks[:len(evidences)], looks[len(evidences):]
-    refuse_other_bodies([look.scene for look in looks])
-    scenes = with_damping(fitted, {look.scene.name: look.scene for look in looks})
-    given = {name: free_specimen(scene) for name, scene in scenes.items()}
-    study, specimens = _at_its_modulus(fitted, given, priors)
-    frees, dropped = _considered(specimens[fitted[0].scene.name],
-                                 [look.scene for look in fitted],
-                                 drifts_restart or len(looks) < 2, _turned(fitted))
-    answers = every = study.answers(frees, progress)
-    problem, absurd = _possible(study, answers)
+    known = Known() if known is None else known
+    dropped, absurd = free_screen(known, evidences, held_out, progress,
+                                  drifts_restart=drifts_restart)
+    free = known.free
+    fitted, tested, study, given = free.fitted, free.tested, free.study, free.given
+    specimens, answers, problem = free.specimens, free.answers, free.problem
+    every = answers
+    count = Count(progress, FITS, 0)
     if scan(problem.U, problem.r, problem.tests, rng).chance < Rules().alarm:
-        answers, tried = with_weights(study, problem, answers), answers
-        problem, absurd = _possible(study, answers)
+        answers, tried = with_weights(study, problem, answers, count), answers
+        problem, absurd = possible(study, answers)
         absurd = (*absurd, *_vanished(tried, answers))
-    full = FreeFullFits(study, problem, answers, rng)
-    decision = Judge(problem, rng, check=full.left, gone=full.gone, weigh=full.weigh).decide()
+    full = FreeFullFits(study, problem, answers, rng, count)
+    judge = Judge(problem, rng, check=full.left, gone=full.gone, weigh=full.weigh)
+    count.expect(fits_ahead(judge))
+    decision = judge.decide()
+    known.steps.append(FITS)
+    progress(ERRORS, 0, 1, 'held-out errors')
     plain = refit(study, problem)
     return replace(_parts(study, problem, decision, answers, plain, (*dropped, *absurd), fitted,
                           tested, given, specimens, full), limits=_limits(problem, every))
-
-
-def _at_its_modulus(looks, given, priors):
-    """(FreeStudy, name -> Specimen) at the modulus that the recordings ask for by full solutions.
-
-    given : name -> Specimen as the scenes have it. How far a body sags goes as one over its
-    modulus: answers taken at one that is 30 % off are 30 % off and more.
-    """
-    study = _study(looks, given, priors)
-    _refuse_other_size(study)
-    study.place_markers()
-    try:
-        ratio = refit(study, study.problem((), mesh=False)).stiffness(1.0).value
-    except NotConverged:
-        return study, given
-    scenes = {name: scaled(one.scene, ratio) for name, one in given.items()}
-    if all(scenes[name] is one.scene for name, one in given.items()):
-        return study, given
-    specimens = {name: free_specimen(scene) for name, scene in scenes.items()}
-    study = _study(looks, specimens, priors, -np.log(ratio) / priors.modulus)
-    study.place_markers()
-    return study, specimens
-
-
-def _refuse_other_size(study):
-    """Raise RecordingError if a body goes 30 times as far as its model, or a thirtieth of it."""
-    settled = np.array([row.kind == SETTLED for row in study.rows])
-    for case in study.cases:
-        mine = settled & np.array([row.recording == case.release.name for row in study.rows])
-        seen, made = (1e3 * np.sqrt(np.mean(v[mine] ** 2)) for v in (study.values, study.start))
-        if not seen / OUT_OF_SCALE <= made <= seen * OUT_OF_SCALE:
-            raise RecordingError(
-                f'{case.release.name}: let go its markers go {seen:.2g} mm (rms per axis), in '
-                f'scene {case.scene} {made:.2g} mm; record from the hold to the rest, and give '
-                'gravity, loads and modulus of the scene it was made with')
-
-
-def _study(looks, specimens, priors, given=0.0):
-    mine = {look.scene.name: specimens[look.scene.name] for look in looks}
-    cases = [look.case(mine[look.scene.name], priors) for look in looks]
-    return FreeStudy(cases, mine, priors, max(c.hand.placement for c in cases), given=given,
-                     scenes=[one.scene for one in specimens.values()],
-                     undamped={look.scene.name for look in looks if unknown(look.scene)})
-
-
-def _turned(looks):
-    """True if the body hung another way in some of them: their frames are not one world's."""
-    return len({tuple(look.scene.gravity) for look in looks}) > 1
-
-
-def _considered(specimen, scenes, drifts, turned):
-    """(frees, Alternatives dropped): without those that drift unless `drifts`.
-
-    turned : True where the body hung in several ways: no tilt is the same in all
-    """
-    frees = tuple(f for f in free_hypotheses(specimen, scenes)
-                  if not (turned and f.hypothesis.name == 'gravity'))
-    if drifts:
-        return frees, ()
-    return (tuple(f for f in frees if f.hypothesis.name not in DRIFTS),
-            tuple(Alternative((name,), 0.0, why=AFRESH) for name in DRIFTS))
-
-
-def _possible(study, answers):
-    """(Problem, Alternatives dropped): without variants that would need an impossible value."""
-    problem = study.problem(answers)
-    kept = [a for a in answers if a.free.allows(_alone(problem, a))]
-    names = {a.free.hypothesis.name for a in kept}
-    lost = dict.fromkeys(a.free.hypothesis.name for a in answers
-                         if a.free.hypothesis.name not in names)
-    explanations = tuple(e for e, a in zip(problem.explanations, answers, strict=True)
-                         if any(a is one for one in kept))
-    return (replace(problem, explanations=explanations),
-            tuple(Alternative((name,), 0.0, why=ABSURD) for name in lost))
 
 
 def _vanished(before, after):
     """Alternatives of the terms that have Answers before full fits and none after."""
     names = [{a.free.hypothesis.name for a in answers} for answers in (before, after)]
     return tuple(Alternative((name,), 0.0, why=NOTHING) for name in sorted(names[0] - names[1]))
-
-
-def _alone(problem, answer):
-    """(p,) amplitudes that the data want of a cause alone."""
-    U = np.hstack([answer.columns, problem.U])
-    return posterior(U, problem.r).mean[:answer.columns.shape[1]] * answer.free.prior
 
 
 def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, given, specimens,
@@ -332,7 +239,7 @@ def _next(decision):
 def _notes(fitted, ratio, study, alone):
     """ratio : modulus that fits over the scene's;  alone : sentences of what is in one scene"""
     gravity = np.linalg.norm(fitted[0].scene.gravity)
-    out = [KNOWN, *([DIRECTION] if EARTH[0] <= gravity <= EARTH[1] and not _turned(fitted)
+    out = [KNOWN, *([DIRECTION] if EARTH[0] <= gravity <= EARTH[1] and not turned(fitted)
                     else ())]
     out += [damping_said(one.scene) for name, one in study.specimens.items()
             if name in {look.scene.name for look in fitted if unknown(look.scene)}

@@ -15,16 +15,18 @@ from arm_brachy.diagnosis.adequacy import Scan, scan
 from arm_brachy.diagnosis.free_fit import WIDE, refit
 from arm_brachy.diagnosis.inference import log_density, posterior
 from arm_brachy.diagnosis.laplace import Gain
+from arm_brachy.diagnosis.progress import FITS, Count, untold
 
 
 class FreeFullFits:
     """Full fits of decide.Candidates, each made once.
 
     study : free_study.FreeStudy;  problem : decide.Problem;  answers : free_study.Answer each
-    rng : numpy.random.Generator for the structured tests
+    rng : numpy.random.Generator for the structured tests;  count : progress.Count of full fits
     """
 
-    def __init__(self, study, problem, answers, rng):
+    def __init__(self, study, problem, answers, rng, count=None):
+        self._count = count or Count(untold, FITS, 0)
         self._study, self._problem, self._rng = study, problem, rng
         self._answers = {a.free.key: a for a in answers}
         self._known = {}
@@ -33,7 +35,9 @@ class FreeFullFits:
         """Return the free_fit.FreeFit of a Candidate; None if it finds no equilibrium."""
         keys = tuple((e.cause, e.variant) for e in candidate.explanations)
         if keys not in self._known:
+            self._count.begin(' + '.join(candidate.causes))
             self._known[keys] = self._made([self._answers[key] for key in keys], candidate.mean)
+            self._count.finish()
         return self._known[keys]
 
     def weigh(self, candidate):

@@ -126,10 +126,13 @@ class FreeStudy:
     def answers(self, frees, progress=None):
         """Return the Answers to those of `frees` that can act, in their order.
 
-        progress : called with the share done. Two branches that relax answer as each of them.
+        progress : called with frees done, of all, and the name of the next, or None. Two
+            branches that relax answer as each of them.
         """
         found, branches = [], {}
         for i, free in enumerate(frees):
+            if progress is not None:
+                progress(i, len(frees), free.hypothesis.name)
             place = free.hypothesis.place
             if 'tau2' in place:
                 one = self._both(free, branches.get(place['tau1']), branches.get(place['tau2']))
@@ -139,8 +142,6 @@ class FreeStudy:
                 found.append(one)
                 if 'tau1' in place:
                     branches[place['tau1']] = one
-            if progress is not None:
-                progress((i + 1) / len(frees))
         return tuple(found)
 
     @staticmethod

@@ -15,14 +15,22 @@ from arm_brachy.tissue.terms.point_mass import PointMass
 LEAST = 0.02    # prior standard deviations of a mass: less is none
 
 
-def with_weights(study, problem, answers):
+def with_weights(study, problem, answers, count):
     """Return `answers` with those of point_mass led through their full fits.
 
     study : free_study.FreeStudy;  problem : decide.Problem of its;  answers : Answer each
+    count : progress.Count of full fits
     A place where no weight fits better than none is left out: its tangent would mislead.
     """
-    led = (_through(study, problem, a) if a.free.hypothesis.cls is PointMass else a
-           for a in answers)
+    heavy = [a.free.hypothesis.cls is PointMass for a in answers]
+    count.expect(sum(heavy))
+    led = []
+    for answer, weight in zip(answers, heavy, strict=True):
+        if weight:
+            count.begin(answer.free.hypothesis.name)
+            answer = _through(study, problem, answer)
+            count.finish()
+        led.append(answer)
     return tuple(a for a in led if a is not None)
 
 

@@ -15,6 +15,7 @@ from arm_brachy.diagnosis.laplace import Gain, gain_over_response
 from arm_brachy.diagnosis.law_error import law_errors, law_of, of_tissue, past_errors
 from arm_brachy.diagnosis.model_error import Accuracy
 from arm_brachy.diagnosis.pooled_tests import Past
+from arm_brachy.diagnosis.progress import FITS, Count, untold
 from arm_brachy.diagnosis.structured_tests import in_directions, structured_tests
 
 AS_GOOD = 1.0       # gain of a full fit in log density, below which its response does as well
@@ -28,9 +29,11 @@ class FullFits:
     ends : ids of hypotheses -> Fitted.end of fits of the same recordings in other noise, from
         which those of these begin, and go on where they did not settle; those made here are added
     quiet : FullFits of the same recordings in quieter noise, None = there are none
+    count : progress.Count of full fits, None = nobody counts
     """
 
-    def __init__(self, assembly, rng, accuracy=None, ends=None, quiet=None):
+    def __init__(self, assembly, rng, accuracy=None, ends=None, quiet=None, count=None):
+        self._count = count or Count(untold, FITS, 0)
         self._assembly, self._rng, self._known, self._gains = assembly, rng, {}, {}
         self._ends, self._quiet, self._worth = {} if ends is None else ends, quiet, {}
         self._law = (accuracy or Accuracy()).law
@@ -42,10 +45,17 @@ class FullFits:
             self._known[key] = self._fit(candidate)
         return self._known[key]
 
+    @property
+    def gains(self):
+        """Ids of explanations -> laplace.Gain of the full fits that are over; None = unsettled."""
+        return dict(self._gains)
+
     def _fit(self, candidate):
         """The Fitted of a decide.Candidate, begun where that of other noise ended."""
         hypotheses = self._hypotheses(candidate)
+        self._count.begin(' + '.join(candidate.causes))
         found = fit_in_full(self._assembly, candidate, self._law, self._ends.get(hypotheses))
+        self._count.finish()
         if found.end is not None:
             self._ends[hypotheses] = found.end
         return found

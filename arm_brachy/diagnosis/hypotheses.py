@@ -1,6 +1,7 @@
 """All that may be missing, with its response: every term of the registry at every place."""
 
 from dataclasses import dataclass, field, replace
+from itertools import count
 
 import numpy as np
 
@@ -58,8 +59,8 @@ def triable(cls, remembers=False, heavy=True):
 def try_all(matched, occasions=None, progress=None, terms=TERMS):
     """Tried: all terms of the registry on matched.Matched recordings of one body.
 
-    occasions : candidates.Occasions;  progress : called with (done, of, name) or None
-    terms : classes of the registry, where not all
+    occasions : candidates.Occasions;  terms : classes of the registry, where not all
+    progress : called with candidates done, of all, and the name of the next one; None = nobody is
     What happened suddenly in one of several recordings, or in a rhythm, is tried in that one alone
     as well: it need not happen again at the same time. A place at which a term does not fit the
     body, or finds no state, is left out.
@@ -71,12 +72,14 @@ def try_all(matched, occasions=None, progress=None, terms=TERMS):
     whys = {cls.spec.name: triable(cls, remembers, heavy) for cls in terms}
     left_out |= {name: why for name, why in whys.items() if why}
     listed = [cls for cls in terms if cls.spec.name not in left_out]
-    for done, cls in enumerate(listed):
-        if progress:
-            progress(done, len(listed), cls.spec.name)
-        options = candidates(cls, specimen, occasions)
+    options_of = {cls: candidates(cls, specimen, occasions) for cls in listed}
+    total = sum(map(len, options_of.values()))
+    done = count()
+    for cls, options in options_of.items():
         why = '' if options else 'nothing here says when or where'
         for one in options:
+            if progress:
+                progress(next(done), total, one.name)
             try:
                 responses = tuple(respond(m.baseline, one) for m in matched)
             except (InputError, InvertedElement, NotConverged) as error:

@@ -8,7 +8,7 @@ from operator import methodcaller
 
 from arm_brachy.core.random import stream
 from arm_brachy.diagnosis.assembly import Assembly, assemble
-from arm_brachy.diagnosis.decide import Decision, Judge
+from arm_brachy.diagnosis.decide import Decision, Judge, fits_ahead
 from arm_brachy.diagnosis.full_fits import FullFits
 from arm_brachy.diagnosis.hypotheses import try_all
 from arm_brachy.diagnosis.loudness import louder, said
@@ -17,6 +17,7 @@ from arm_brachy.diagnosis.mesh_fault import ALLOWED, MeshFault, mesh_fault
 from arm_brachy.diagnosis.mesh_limit import at_limit
 from arm_brachy.diagnosis.mesh_limit import said as said_of_limit
 from arm_brachy.diagnosis.passing import passing
+from arm_brachy.diagnosis.progress import FITS, Count, untold
 from arm_brachy.diagnosis.reglued import reglued, with_places_apart
 from arm_brachy.diagnosis.reglued import said as said_of_places
 from arm_brachy.tissue.terms.external_force import ExternalForce
@@ -38,19 +39,24 @@ class Judgement:
     at_limit: bool = False
 
 
-def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
+def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None, progress=untold,
+           known=None):
     """The Judgement of Matched recordings and what was tried (`hypotheses.try_all`) on them.
 
     tests : Matched, held out: what is found of mesh and noise holds for them as well
     limit : mesh_errors.Limit of their body, None = not known
     sound : number of null recordings, last of `matched`;  accuracy : model_error.Accuracy
+    progress : as in `progress`, of the step FITS;  known : partial.Known that is kept up to date
     What nothing explains, or one cause leaves, is judged anew with noise as loud as it may be.
     """
-    ends = {}
+    ends, count = {}, Count(progress, FITS, 0)
+    progress(FITS, 0, 0, 'products of sensitivities')
 
     def judge(matched, quiet=None):
         assembly = assemble(matched, tried, sound)
-        fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy, ends, quiet)
+        fits = FullFits(assembly, stream(seed, 'adequacy'), accuracy, ends, quiet, count)
+        if known is not None and quiet is None:
+            known.assembly, known.fits = assembly, fits
         return assembly, fits, Judge(assembly.problem, stream(seed, 'decision'), check=fits.check,
                                      gone=fits.gone, weigh=fits.gain, beyond=fits.beyond)
 
@@ -77,7 +83,14 @@ def judged(matched, tests, tried, sound, seed, accuracy=None, limit=None):
     if spans is not None:
         tried = tried.more(try_all(matched, spans, terms=(ExternalForce,)))
         assembly, fits, one = judge(matched)
-    again = _once(lambda factors, quiet=fits: judge(_louder(matched, factors), quiet))
+    count.expect(fits_ahead(one))
+
+    def once_more(factors, quiet=fits):
+        found = judge(_louder(matched, factors), quiet)
+        count.expect(fits_ahead(found[-1]))
+        return found
+
+    again = _once(once_more)
     factors, (assembly, fits, one) = _noise_beside((assembly, fits, one), again)
     decision = one.decide()
     if not factors and decision.verdict == 'unexplained' and decision.unproven is None:

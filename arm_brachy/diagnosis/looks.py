@@ -16,16 +16,17 @@ FEWEST = 12         # states of a recording that are worth comparing
 MOST = 200          # states of all recordings of a group together
 
 
-def look_at(groups, calibration=None, say=lambda share: None):
+def look_at(groups, calibration=None, say=lambda share: None, most=MOST):
     """((Recorded each, notes) of every group of evidence.Evidence, all of one cell).
 
     calibration : finding.Calibration;  say : told the share done
+    most : load states of all recordings of a group together
     Too many recordings of a group share the states that can be afforded.
     Raises what `recorded.look` raises.
     """
     kept = [_affordable(some) for some in groups]
     every = [one for some in kept for one in some]
-    limits = [_limit(group) for group, some in zip(groups, kept, strict=True) for _ in some]
+    limits = [_limit(group, most) for group, some in zip(groups, kept, strict=True) for _ in some]
     noise = shared_noise(every)
     recorded = []
     for one, its, limit in zip(every, noise, limits, strict=True):
@@ -57,9 +58,9 @@ def _alike(one, other):
                for kind in one)
 
 
-def _limit(group):
+def _limit(group, most):
     """Load states of each recording of a group, at most."""
-    return min(LIMIT, max(FEWEST, MOST // max(len(group), 1)))
+    return min(LIMIT, max(FEWEST, most // max(len(group), 1)))
 
 
 def _affordable(group):

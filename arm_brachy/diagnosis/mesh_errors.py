@@ -33,6 +33,7 @@ from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.companion import edge_lengths, fitted, ragged, shaken, with_nodes
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.mesh_pushes import pushes
+from arm_brachy.diagnosis.progress import MESHES, Count, untold
 from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
 from arm_brachy.tissue.body import TetMesh
@@ -55,6 +56,7 @@ class EnsembleOptions:
     """Size of the ensemble and how far it is trusted."""
 
     members: int = 16
+    finer: bool = True      # also by elements half as wide, where the mesh is small enough
     inflation: float = quantity(2.0, '', 'times the deviations within the ensemble', low=0.0,
                                 high=100.0, source='least of 1, 1.5, 2, 3 at which three other '
                                 'meshes of the breast leave nothing, by tangents')
@@ -157,20 +159,30 @@ def _by_kind(values, specimen):
     return {OPTICAL: values[:, :k], EM: values[:, k:k + e], FORCE: values[:, k + e:]}
 
 
-def ensemble_of(model, rng, options=None):
+def ensemble_of(model, rng, options=None, progress=untold):
     """Return the Ensemble of a forward.ForwardModel.
 
     rng : numpy.random.Generator for the members;  options : EnsembleOptions, None = defaults
+    progress : as in `progress`, of the step MESHES
     Sensing terms of the model count as ideal here. Raises NotConverged where a member has no
     stable state.
     """
     options = options or EnsembleOptions()
-    own = pushes(model.body, model.specimen)
+    meshes = Count(progress, MESHES, options.members + len(SYSTEMATIC) + 2)
+
+    def counted(companion):
+        meshes.begin()
+        found = pushes(*companion)
+        meshes.finish()
+        return found
+
+    own = counted((model.body, model.specimen))
 
     def off(companion):
-        return [there - here for there, here in zip(pushes(*companion), own, strict=True)]
+        return [there - here for there, here in zip(counted(companion), own, strict=True)]
 
-    better = {name: off(one) for name, one in _better(model)}
+    better = {name: off(one) for name, one in _better(model, options.finer)}
+    meshes.expect(len(better) - len(SYSTEMATIC))
     members = [off(_member(model, rng)) for _ in range(options.members)]
     plain = off((replace(model.body, in_full=True), model.specimen))
     moves, size = np.any(own[0] != 0.0, axis=1), options.inflation
@@ -186,16 +198,19 @@ def ensemble_of(model, rng, options=None):
     return replace(found, limit=Limit(tangents, curvatures, left))
 
 
-def _better(model):
-    """(name, (SoftBody, Specimen)) of meshes that are better than the model's."""
+def _better(model, finer):
+    """(name, (SoftBody, Specimen)) of meshes that are better than the model's.
+
+    finer : False leaves out the one with smaller elements, or quadratic ones
+    """
     specimen, corners = model.specimen, _corners(model.specimen.mesh)
     body = fitted(model.body)
     if body is not None:
         yield RIMS, (body, _moved(model, body))
     linear = specimen.mesh.midside is None
-    if linear or len(corners.tets) <= MOST_REFINED:
-        finer = corners if linear else refine(corners, np.arange(len(corners.tets)))[0]
-        one = specimen_of(specimen.scene, quadratic_mesh(finer))
+    if finer and (linear or len(corners.tets) <= MOST_REFINED):
+        small = corners if linear else refine(corners, np.arange(len(corners.tets)))[0]
+        one = specimen_of(specimen.scene, quadratic_mesh(small))
         yield ELEMENTS, (ForwardModel(one, model.body_terms).body, one)
 
 

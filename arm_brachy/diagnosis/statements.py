@@ -164,6 +164,11 @@ class StreamFit:
         return self.recalibrated if self.named is None else self.named
 
     @property
+    def times_noise(self):
+        """The same over what noise alone leaves."""
+        return self.reached / self.noise_floor if self.noise_floor else float('inf')
+
+    @property
     def blurred(self):
         """True if what is left is more than noise, and may be the mesh's."""
         return self.mesh is not None and min(self.reached, self.mesh) > SEEN * self.noise_floor
@@ -189,3 +194,42 @@ class NextExperiment:
         if not (self.moves or self.record or self.instruction):
             raise InputError('next experiment without moves, streams or an instruction; must ask '
                              'for something')
+
+
+@dataclass(frozen=True)
+class Unfinished:
+    """Why an answer is not whole, and how far the diagnosis came.
+
+    why : 'interrupted' (by a person), 'time_limit' or 'quick' (asked for as a quick look)
+    seconds : [s] after which it ended;  done, left : names of steps that are over, and are not
+    simplified : sentences on what was made coarser than in a full run
+    """
+
+    why: Literal['interrupted', 'time_limit', 'quick']
+    seconds: float
+    done: tuple
+    left: tuple
+    simplified: tuple = ()
+
+    def __post_init__(self):
+        if self.why not in ('interrupted', 'time_limit', 'quick'):
+            raise InputError(f'unfinished by {self.why!r}; must be interrupted, time_limit or '
+                             'quick')
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A candidate term by its sensitivity alone, to first order.
+
+    term : of the registry;  variant : at which of the places tried, in words
+    evidence, held_out : gains in log evidence, and on what was held out, over no term
+    size : of its first parameter, in words with its unit; '' = not known
+    full_fit : log evidence by a full fit, None where there is none yet
+    """
+
+    term: str
+    variant: str
+    evidence: float
+    held_out: float
+    size: str = ''
+    full_fit: float | None = None

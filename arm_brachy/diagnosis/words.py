@@ -5,7 +5,7 @@ Sentences carry the numbers and nothing that the numbers do not.
 
 from arm_brachy.core.quantity import UNITS
 from arm_brachy.diagnosis.decide import Rules
-from arm_brachy.diagnosis.statements import edge_unit
+from arm_brachy.diagnosis.statements import SEEN, edge_unit
 from arm_brachy.diagnosis.wording import figures, listed, parameter, percent, share, spoken
 
 STREAMS = {'optical': ('optical markers', 'marker'), 'em': ('EM tracker', 'tool'),
@@ -23,7 +23,7 @@ MM = 1e3
 def verdict(diagnosis):
     """The verdict of a Diagnosis in one sentence, and one for each finding without a name."""
     line = {'named': _named, 'nothing_missing': _nothing, 'equivalent': _equivalent,
-            'unexplained': _unexplained}[diagnosis.verdict](diagnosis)
+            'unexplained': _unexplained, 'partial': _partial}[diagnosis.verdict](diagnosis)
     if diagnosis.verdict == 'nothing_missing':      # a sound recording shows them as well
         return line
     return ' '.join([line, *dict.fromkeys(
@@ -79,6 +79,57 @@ def _unexplained(d):
     if d.causes:
         line += f', besides {listed([_cause_at(d, cause) for cause in d.causes])}'
     return line + '.'
+
+
+def _partial(d):
+    why = {'interrupted': f'interrupted after {d.unfinished.seconds:.0f} s',
+           'time_limit': f'the time limit ended it after {d.unfinished.seconds:.0f} s',
+           'quick': 'this is a quick look'}[d.unfinished.why]
+    done, left = ', '.join(d.unfinished.done) or 'nothing', ', '.join(d.unfinished.left)
+    found = (f' Found in the signals without a tissue model: '
+             f'{"; ".join(_cause_at(d, cause) for cause in d.causes)}.' if d.causes else '')
+    return f'No verdict: {why}. Done: {done}. Not done: {left}.{found}{_screened(d)}'
+
+
+def _screened(d):
+    """Whether the misfit of a partial answer is more than noise, and what may explain it."""
+    if d.chance is None:
+        return ''
+    if d.chance >= Rules().alarm:
+        line = ' The misfit without any term is within what noise makes'
+    else:
+        line = ' The misfit without any term is more than noise makes'
+    if not d.screen or d.screen[0].evidence < Rules().evidence:
+        return f'{line}; no candidate stands out in the linear screen.' if d.screen else f'{line}.'
+    first, *others = d.screen
+    ahead = f', ahead of {spoken(others[0].term)} by {_nats(first, others[0])}' if others else ''
+    return (f'{line}; the linear screen ranks {spoken(first.term)} first (log evidence '
+            f'{first.evidence:+.0f}{ahead}), which is no proof of it.')
+
+
+def _nats(one, other):
+    return f'{one.evidence - other.evidence:.0f}'
+
+
+def remaining(d):
+    """How large the misfit of Diagnosis `d` still is, as a multiple of the noise; '' if not known.
+
+    All streams, the largest first where it is more than twice the noise.
+    """
+    if not d.fit:
+        return ''
+    worst = max(d.fit, key=lambda one: one.times_noise)
+    if worst.times_noise <= SEEN:
+        return f'The remaining misfit is {worst.times_noise:.1f} times the noise or less.'
+    unit, scale = edge_unit(worst.stream)
+    error, floor, *blur = figures(tuple(value / scale for value in (
+        worst.reached, worst.noise_floor, *([worst.mesh] if worst.blurred else []))))
+    mesh = f'; the mesh may account for {blur[0]} {unit} of it' if blur else ''
+    others = [f'{STREAMS[one.stream][0]} {one.times_noise:.1f}' for one in d.fit
+              if one is not worst]
+    rest = f' ({", ".join(others)} times)' if others else ''
+    return (f'Not all of the misfit is explained: that of the {STREAMS[worst.stream][0]} is still '
+            f'{worst.times_noise:.1f} times the noise, {error} over {floor} {unit}{mesh}{rest}.')
 
 
 def _unnamed(found):
@@ -191,10 +242,19 @@ def certainty(d):
                      if d.verdict == 'equivalent' else
                      f'The nearest rival is {d.apart:.1f} standard deviations away.')
     if d.chance is not None:
-        cause = 'Noise alone' if not any(one.blurred for one in d.fit) else (
-            'Noise and what the mesh may be wrong by')
-        parts.append(f'{cause} would leave as much as is left in {share(d.chance)} of recordings.')
+        parts.append(_left_by_chance(d))
     return ' '.join(parts)
+
+
+def _left_by_chance(d):
+    """Whether the residual has structure beyond noise, and how often noise alone has as much."""
+    noise = 'noise alone' if not any(one.blurred for one in d.fit) else (
+        'noise and the error of the mesh')
+    how = (f'structure as strong as in the residual would come from {noise} in '
+           f'{share(d.chance)} of repeated recordings')
+    if d.chance >= Rules().alarm:
+        return f'The residual shows no structure beyond noise: {how}.'
+    return f'The residual still has structure: {how}.'
 
 
 def why_not(one, d):
