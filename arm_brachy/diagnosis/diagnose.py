@@ -13,6 +13,7 @@ from arm_brachy.diagnosis import conclude
 from arm_brachy.diagnosis.asking import asked
 from arm_brachy.diagnosis.blur import FINER, cut_rims, with_mesh
 from arm_brachy.diagnosis.checks import refuse_twice
+from arm_brachy.diagnosis.curves import worst_curves
 from arm_brachy.diagnosis.diagnosis import Diagnosis
 from arm_brachy.diagnosis.figures import body_of
 from arm_brachy.diagnosis.finding_causes import with_findings
@@ -30,7 +31,7 @@ from arm_brachy.diagnosis.partial_residuals import partials
 from arm_brachy.diagnosis.progress import ERRORS, FITS, untold
 from arm_brachy.diagnosis.screening import Known, notes_of, recordings_of, screen
 from arm_brachy.diagnosis.traces import traces
-from arm_brachy.diagnosis.wording import spoken
+from arm_brachy.diagnosis.wording import listed, spoken
 
 MORE = ('More is left than better meshes of this size would change: solve on a finer one before '
         'physics is asked for.')
@@ -173,7 +174,24 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
         limits=limits_of(assembly))
     return Answer(diagnosis, Shown(body_of(scene, specimen.mesh),
                                    traces(assembly, explanations),
-                                   partials(assembly, explanations)))
+                                   partials(assembly, explanations),
+                                   worst_curves(assembly, *_drawn(judgement, best, found), ratio)))
+
+
+def _drawn(judgement, best, found):
+    """(Fitted of what is drawn beside the measured curves, None = nothing; its name in words).
+
+    best : Fitted of what was accepted, or None;  found : given.Given
+    Where nothing is claimed, what comes nearest.
+    """
+    known = [term.spec.name for term in found.terms]
+    if best is None and judgement.decision.nearest is not None:
+        nearest = judgement.fits.of(judgement.decision.nearest)
+        if nearest.refit is not None:
+            names = [*known, *(one.name for one in nearest.hypotheses)]
+            return nearest, f'{listed(map(spoken, names))} (nearest, not claimed)'
+    names = [*known, *(one.name for one in (best.hypotheses if best else ()))]
+    return best, listed(map(spoken, dict.fromkeys(names))) if names else ''
 
 
 def _verdict(verdict, causes, fault, nameless):

@@ -289,6 +289,12 @@ def parts_of(assembly, fitted, ratio, *, numbers=TANGENT):
     return out
 
 
+def times_of(assembly, fitted):
+    """(k,) [s] of the states of every Part of `parts_of`."""
+    return [m.recorded.states.t[_kept(m) if fitted is None else fitted.kept[i]]
+            for i, m in enumerate(assembly.suspects)]
+
+
 def _free(numbers, refit, i, effect):
     """(N, p) columns of the numbers of a Refit in recording i, on which they have an effect (N,).
 

@@ -6,9 +6,11 @@ from arm_brachy.core.random import stream
 from arm_brachy.diagnosis.diagnosis import Diagnosis
 from arm_brachy.diagnosis.figures import body_of
 from arm_brachy.diagnosis.free_body import free_diagnosis_parts
+from arm_brachy.diagnosis.free_curves import free_curves, free_traces
 from arm_brachy.diagnosis.page import Shown
 from arm_brachy.diagnosis.progress import untold
 from arm_brachy.diagnosis.statements import Recording
+from arm_brachy.diagnosis.wording import listed, spoken
 from arm_brachy.tissue.build import build_body
 
 
@@ -30,7 +32,9 @@ def free_answer(evidences, provenance, held_out=(), progress=untold, known=None)
         chance=parts.chance, apart=parts.apart, findings=parts.findings, notes=parts.notes,
         limits=parts.limits)
     scene = evidences[0].scene
-    return found, Shown(body_of(scene, build_body(scene).mesh))
+    label = listed([spoken(cause.term) for cause in found.likeliest()]) if parts.causes else ''
+    return found, Shown(body_of(scene, build_body(scene).mesh), free_traces(parts.paths),
+                        curves=free_curves(parts.paths, label))
 
 
 def recordings_of(evidences, held_out):

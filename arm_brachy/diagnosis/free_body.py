@@ -17,6 +17,7 @@ from arm_brachy.diagnosis import free_statements as said
 from arm_brachy.diagnosis import free_trace as trace
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.decide import Explanation, Judge, Rules, fits_ahead
+from arm_brachy.diagnosis.free_curves import path_of
 from arm_brachy.diagnosis.free_damping import said as damping_said
 from arm_brachy.diagnosis.free_damping import unknown
 from arm_brachy.diagnosis.free_doors import stood_back, told_apart
@@ -57,7 +58,7 @@ class FreeParts:
     next_experiment : NextExperiment or None;  held_out, chance, apart : as in Diagnosis
     findings : finding.Finding of base markers;  notes : sentences
     table : (Row, measured, at the modulus asked for, recalibrated, with the causes, error) each
-    limits : statements.Limit of all causes tried
+    limits : statements.Limit of all causes tried;  paths : free_curves.FreePath per recording
     """
 
     decision: object
@@ -77,6 +78,7 @@ class FreeParts:
     notes: tuple
     table: tuple
     limits: tuple = ()
+    paths: tuple = ()
 
 
 def free_diagnosis_parts(evidences, held_out=(), progress=untold, rng=None, *,
@@ -139,19 +141,19 @@ def _parts(study, problem, decision, answers, plain, dropped, fitted, tested, gi
     if decision.verdict != 'nothing_missing' and not where:
         where = (Place(stream=study.cases[0].release.kind, channel=said.loudest(study, gain)[0]),)
     E = specimens[fitted[0].scene.name].scene.material.E
-    best = named or plain
+    best, paths = named or plain, []
     apart = [c.separation for c in decision.equals if np.isfinite(c.separation)]
     return FreeParts(
         decision, decision.verdict, causes, where, intervals,
         said.alternatives(problem, decision, answers, dropped),
-        _held_out(study, problem, plain, named, fitted, tested, given, specimens),
+        _held_out(study, problem, plain, named, fitted, tested, given, specimens, paths),
         {'E': best.stiffness(E)}, {'E': plain.stiffness(E)}, _next(decision),
         decision.accepted.held_out if decision.accepted else None, decision.left.chance,
         min(apart) if apart else None, base_marker_findings(
             [look.release for look in fitted + tested], fitted[0].prepared.calibration.base),
         _notes(fitted, best.stiffness(E).value / fitted[0].scene.material.E, study,
                said.in_one_scene(problem, answers, fits)),
-        _table(study, plain, named))
+        _table(study, plain, named), paths=tuple(paths))
 
 
 def _limits(problem, answers):
@@ -195,32 +197,33 @@ def _causes(study, problem, decision, answers, fits):
     return tuple(causes), tuple(p for p in places if p is not None)
 
 
-def _held_out(study, problem, plain, named, fitted, tested, given, specimens):
-    """StreamFit of every recording held out, or of those fitted where there is none."""
+def _held_out(study, problem, plain, named, fitted, tested, given, specimens, paths=None):
+    """StreamFit of every recording held out, or of those fitted where there is none.
+
+    paths : list that gets the FreePath of each, None = nobody draws them
+    """
     cases = {look.release.name: look.case(specimens[look.scene.name], study.priors)
              for look in (*fitted, *tested)}
     out = []
     for look in tested or fitted:
         case = cases[look.release.name]
 
-        def error(fit, look=look):
+        def described(fit, look=look, case=case):
             specimen = specimens[look.scene.name]
-            if fit is None:
-                return left(given[look.scene.name], ())
-            return left(*study.as_hung(specimen, problem, fit))
+            hung = (given[look.scene.name], ()) if fit is None else study.as_hung(
+                specimen, problem, fit)
+            return trace.of_model(study.model(*hung), case)
 
-        def left(specimen, terms, case=case):
-            model = study.model(specimen, terms)
-            return trace.left(case, trace.of_model(model, case))
-
+        made = [described(fit) for fit in (None, plain, *([] if named is None else [named]))]
+        errors = [trace.left(case, one) for one in made]
         repeats = [one for one in fitted if one.scene.name == look.scene.name
                    and one.release.names == look.release.names]
         floor = min(trace.left(case, trace.of_repeat(cases[one.release.name]))
                     for one in (repeats or [look]))
-        out.append(StreamFit(look.release.kind, error(None),
-                             error(plain), floor,
-                             None if named is None else error(named),
-                             look.release.name if tested else ''))
+        out.append(StreamFit(look.release.kind, *errors[:2], floor, *errors[2:],
+                             held_out=look.release.name if tested else ''))
+        if paths is not None:
+            paths.append(path_of(case, made[1:], floor))
     return tuple(out)
 
 

@@ -79,16 +79,45 @@ def of_repeat(case):
 
 def left(case, description):
     """[m] rms per axis that a Description of the same channels leaves of a free_table.Case."""
-    ring = case.release.ring
-    if ring is None or not np.isfinite(description.frequency):
+    if not _rings(case, description):
         return _left(case, description)
+    return float(_tuned(case, description).fun)
+
+
+def path(case, description):
+    """(t (n,) [s] after the release, measured (n, k, 3), predicted (n, k, 3) [m]) of `left`.
+
+    Both from where each channel was held; measured NaN where it was not seen.
+    """
+    if _rings(case, description):
+        description = replace(description, frequency=float(
+            _tuned(case, description).x) * description.frequency)
+    rows, seen, off, residual = _residual(case, description)
+    measured = case.release.path[rows]
+    predicted = np.full_like(measured, np.nan)
+    predicted[seen] = measured[seen] - residual
+    return case.release.since[rows], measured, predicted
+
+
+def _rings(case, description):
+    return case.release.ring is not None and np.isfinite(description.frequency)
+
+
+def _tuned(case, description):
+    """The optimum of scipy over factors on the frequency, within its error."""
+    ring = case.release.ring
     slack = SURE * np.hypot(ring.frequency_sd / ring.frequency, FreePriors().frequency)
-    return float(minimize_scalar(lambda factor: _left(case, replace(
+    return minimize_scalar(lambda factor: _left(case, replace(
         description, frequency=factor * description.frequency)), method='bounded',
-        bounds=(1.0 - slack, 1.0 + slack)).fun)
+        bounds=(1.0 - slack, 1.0 + slack))
 
 
 def _left(case, description):
+    return float(np.sqrt(np.mean(_residual(case, description)[3] ** 2)))
+
+
+def _residual(case, description):
+    """(rows (m,) used, seen (n, k, 3), off (n, k, 3), what is left of those seen) of a Case."""
     release, hand = case.release, case.hand
     start = BEGIN if release.ring is None else release.ring.span[0]
     rows = release.since >= start
@@ -102,11 +131,12 @@ def _left(case, description):
     doubt = [np.broadcast_to(one[case.index], off.shape) for one in hand.doubt]
     seen = np.isfinite(off)
     basis = np.column_stack([one[seen] for one in (*free, *doubt)])
-    return _rms_left(basis, off[seen], len(free), _error(case) * np.sqrt(len(t)))
+    return rows, seen, off, _unexplained(basis, off[seen], len(free),
+                                         _error(case) * np.sqrt(len(t)))
 
 
-def _rms_left(basis, off, free, error):
-    """rms of what a basis leaves of `off`, its columns after the first `free` of unit prior.
+def _unexplained(basis, off, free, error):
+    """What a basis leaves of `off`, its columns after the first `free` of unit prior.
 
     error : [m] of `off` as a whole, beside which they are fitted
     """
@@ -115,7 +145,7 @@ def _rms_left(basis, off, free, error):
     prior = np.diag(np.append(np.zeros(free), np.full(basis.shape[1] - free, error)))[free:]
     best = np.linalg.lstsq(np.vstack([scaled, prior]), np.append(off, np.zeros(len(prior))),
                            rcond=None)[0]
-    return float(np.sqrt(np.mean((off - scaled @ best) ** 2)))
+    return off - scaled @ best
 
 
 def _error(case):

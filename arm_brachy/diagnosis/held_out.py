@@ -46,7 +46,7 @@ class Part:
                        of_mesh=np.zeros_like(self.of_mesh))
 
 
-def _which(parts, flags):
+def which(parts, flags):
     """(k,) which columns of `stacked` have a flag;  flags : (k,) for each of the parts"""
     return np.concatenate([*(one[part.own] for one, part in zip(flags, parts, strict=True)),
                            flags[0][~parts[0].own]])
@@ -64,8 +64,8 @@ def stream_fits(parts, tested=()):
     zeros and where pads touched are matched to all of it, within what a laboratory leaves open.
     """
     every = (*parts, *(part for _, part in tested))
-    U, mesh = stacked(every), _which(every, [part.mesh for part in every])
-    set_up = _which(every, [part.set_up & (i >= len(parts)) for i, part in enumerate(every)])
+    U, mesh = stacked(every), which(every, [part.mesh for part in every])
+    set_up = which(every, [part.set_up & (i >= len(parts)) for i, part in enumerate(every)])
     kinds = np.concatenate([part.kinds for part in parts])
     folds = [kinds == kind for kind in np.unique(kinds)]
     if tested:

@@ -56,10 +56,11 @@ def triable(cls, remembers=False, heavy=True):
     return 'acts on what swings, which is not modelled here' if name in INERTIAL else ''
 
 
-def try_all(matched, occasions=None, progress=None, terms=TERMS):
+def try_all(matched, occasions=None, progress=None, terms=TERMS, thin=None):
     """Tried: all terms of the registry on matched.Matched recordings of one body.
 
     occasions : candidates.Occasions;  terms : classes of the registry, where not all
+    thin : function from Hypotheses to those of them that are tried, None = all are
     progress : called with candidates done, of all, and the name of the next one; None = nobody is
     What happened suddenly in one of several recordings, or in a rhythm, is tried in that one alone
     as well: it need not happen again at the same time. A place at which a term does not fit the
@@ -73,6 +74,8 @@ def try_all(matched, occasions=None, progress=None, terms=TERMS):
     left_out |= {name: why for name, why in whys.items() if why}
     listed = [cls for cls in terms if cls.spec.name not in left_out]
     options_of = {cls: candidates(cls, specimen, occasions) for cls in listed}
+    if thin is not None:
+        options_of = {cls: thin(some) for cls, some in options_of.items()}
     total = sum(map(len, options_of.values()))
     done = count()
     for cls, options in options_of.items():

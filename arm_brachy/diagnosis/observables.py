@@ -184,6 +184,14 @@ class Observables:
                for kind, c, _, axis, _, seen, _ in self._blocks]
         return np.concatenate(out) if out else np.zeros(0)
 
+    @property
+    def values(self):
+        """(N,) what was measured, SI."""
+        by_kind = {stream.kind: stream for stream in self.measured}
+        out = [by_kind[kind].values[seen, c, axis]
+               for kind, c, _, axis, _, seen, _ in self._blocks]
+        return np.concatenate(out) if out else np.zeros(0)
+
     def difference(self, predicted):
         """Return (N,) measured minus predicted, SI.
 

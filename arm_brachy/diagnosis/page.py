@@ -8,8 +8,10 @@ from ruamel.yaml import YAML
 
 from arm_brachy.core.config import to_mapping
 from arm_brachy.diagnosis import wording, words
+from arm_brachy.diagnosis.curves import curve_plate
 from arm_brachy.diagnosis.figures import fit_plate, when_plate, where_plate
 from arm_brachy.diagnosis.limits import FAR, SHOWS
+from arm_brachy.diagnosis.next_steps import what_next
 from arm_brachy.diagnosis.partial_residuals import partial_plate
 from arm_brachy.diagnosis.statements import edge_unit
 from arm_brachy.evaluation.body_place import Body
@@ -24,13 +26,17 @@ from arm_brachy.evaluation.page import (
     write_page,
 )
 
-MOODS = {'named': 'bad', 'nothing_missing': 'good', 'equivalent': 'open', 'unexplained': 'open'}
+MOODS = {'named': 'bad', 'nothing_missing': 'good', 'equivalent': 'open', 'unexplained': 'open',
+         'partial': 'open'}
 MOST_LINES = 6   # places or intervals in words; more do not make the page clearer
 EVERY = -1          # index of a pad that stands for all of them
 PARAMETERS = (Column('Parameter', numeric=False), Column('Meaning', numeric=False),
               Column('Value'), Column('90 % interval'), Column('Unit', numeric=False))
 ALTERNATIVES = (Column('Explanation', numeric=False), Column('Held-out score', 'nat'),
                 Column('Why it lost', numeric=False))
+SCREEN = (Column('Candidate', numeric=False), Column('Where', numeric=False),
+          Column('Size, to first order', numeric=False), Column('Log evidence', 'nat'),
+          Column('Held-out score', 'nat'), Column('Log evidence of the full fit', 'nat'))
 LIMITS = (Column('Explanation', numeric=False), Column('Parameter', numeric=False),
           Column('From'), Column('Unit', numeric=False), Column('Of what is typical', '%'))
 FINDINGS = (Column('Stream', numeric=False), Column('Channel', numeric=False),
@@ -45,11 +51,13 @@ class Shown:
     """What is drawn beside what is said.
 
     body : Body;  traces : figures.Trace each;  partials : partial_residuals.Partial each
+    curves : curves.Curve each
     """
 
     body: Body
     traces: tuple = ()
     partials: tuple = ()
+    curves: tuple = ()
 
 
 @dataclass(frozen=True)
@@ -77,6 +85,7 @@ def write_diagnosis(d, shown, out_html):
     """
     plates = {'where': where_plate(d, shown.body),
               'when': when_plate(d, shown.traces) if shown.traces else None,
+              'curves': curve_plate(shown.curves) if shown.curves else None,
               'partial': partial_plate(shown.partials) if shown.partials else None,
               'fit': fit_plate(d) if d.fit else None}
     plates = {name: plate for name, plate in plates.items() if plate is not None}
@@ -85,9 +94,10 @@ def write_diagnosis(d, shown, out_html):
     return write_page(
         'diagnosis.html.j2', out_html, title=f'{source.name}: diagnosis',
         kind='arm_brachy diagnosis: where simulation and recording differ, and why',
-        heading=source.name, verdict=Verdict(MOODS[d.verdict], _typeset(d.sentence), _detail(d)),
+        heading=source.name, verdict=Verdict(MOODS[d.verdict], _typeset(_headline(d)),
+                                             _detail(d)),
         facts=_facts(d), where=drawn.get('where'), when=drawn.get('when'), fit=drawn.get('fit'),
-        partial=drawn.get('partial'),
+        partial=drawn.get('partial'), curves=drawn.get('curves'),
         numbers={name: i + 1 for i, name in enumerate(drawn)},
         place_words=_first([_sentence(one.term, words.place(one)) for one in d.where]),
         when_words=_first([_sentence(one.term, words.interval(one, source.recordings))
@@ -95,12 +105,17 @@ def write_diagnosis(d, shown, out_html):
         options=_options(d, shown.body), gains=[words.improvement(one) for one in d.fit],
         certainty=_typeset(words.certainty(d)), nearest=_nearest(d),
         alternatives=_alternative_grid(d), limits=_limit_grid(d),
-        request='' if d.next_experiment is None else words.request(d.next_experiment),
+        what_next=[_typeset(line) for line in what_next(d)], screen=_screen_grid(d),
         moves=_yaml(d.next_experiment), corrected=d.scene,
         corrected_has_causes=any(cause.physical for cause in d.causes),
         recalibrated=_recalibrated_grid(d),
         findings=_finding_grid(d), notes=d.notes, recordings=_recording_grid(source),
         provenance=_provenance(source), command=source.command, scenario='')
+
+
+def _headline(d):
+    """The verdict, and how large the misfit still is beside the noise."""
+    return ' '.join(filter(None, (d.sentence, words.remaining(d))))
 
 
 def _detail(d):
@@ -211,6 +226,16 @@ def _alternative_grid(d):
     return Grid(ALTERNATIVES, (*named, *lost), (
         'Score: gain in the natural logarithm of the probability of what was held out, over the '
         'recalibrated model without new physics; below zero it predicts worse.'))
+
+
+def _screen_grid(d):
+    return Grid(SCREEN, tuple(
+        (_terms((one.term,)), Cell(one.variant), Cell(_typeset(one.size)),
+         Cell(number(one.evidence, 1)), Cell(number(one.held_out, 1)),
+         Cell(number(one.full_fit, 1))) for one in d.screen), (
+        'By sensitivities alone: how much likelier each candidate makes the data, to first order, '
+        'than the recalibrated model without it. A ranking, not a finding: candidates are not '
+        'compared with each other, and a large effect is not in proportion to its sensitivity.'))
 
 
 def _limit_grid(d):

@@ -16,6 +16,7 @@ from arm_brachy.core.random import stream
 from arm_brachy.diagnosis import conclude, free_trace
 from arm_brachy.diagnosis.adequacy import scan
 from arm_brachy.diagnosis.assembly import assemble
+from arm_brachy.diagnosis.curves import worst_curves
 from arm_brachy.diagnosis.decide import Judge, Rules
 from arm_brachy.diagnosis.diagnose import Answer, refuse_unfit
 from arm_brachy.diagnosis.diagnosis import Diagnosis
@@ -102,7 +103,8 @@ def _compared(known, seed):
             'screen': _ranked(problem, [(one, [s.spread for s in one.strengths])
                                         for one in assembly.tried.hypotheses],
                               known.fits.gains if known.fits else {}),
-            'shown': Shown(body_of(specimen.scene, specimen.mesh), traces(assembly, ()))}
+            'shown': Shown(body_of(specimen.scene, specimen.mesh), traces(assembly, ()), (),
+                           worst_curves(assembly, None, '', known.ratio))}
 
 
 def _ranked(problem, hypotheses, gains):

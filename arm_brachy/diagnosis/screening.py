@@ -7,7 +7,7 @@ Test: diagnosis/test_partial.py, diagnosis/test_diagnose.py
 """
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,6 +24,10 @@ from arm_brachy.diagnosis.modulus import modulus_ratio, scaled
 from arm_brachy.diagnosis.progress import MESHES, MODEL, SCREEN, SIGNALS, untold
 from arm_brachy.diagnosis.specimen import specimen_of
 from arm_brachy.diagnosis.statements import Recording
+from arm_brachy.diagnosis.wording import spoken
+
+COSTLY = ('pad_slip',)      # more than half of the time of a screen
+CARRIERS = ('actuators', 'pads', 'pad', 'carrier', 'marker', 'markers', 'tools', 'stream')
 
 
 @dataclass
@@ -63,30 +67,33 @@ class Known:
 class Quick:
     """What a quick look makes coarser, so that it takes 20 s: it changes no rule."""
 
-    states: int = 24        # load states of all recordings together
-    members: int = 2        # perturbed meshes
+    states: int = 12        # load states of all recordings together
+    members: int = 1        # perturbed meshes
+    places: int = 3         # of a candidate term, on each pad, marker or stream
 
-    places: int = 4         # of each term, of a body without pads
-
-    def thin(self, frees):
-        """The free_hypotheses.Frees that are tried: of each term so many, evenly chosen."""
-        of_term = defaultdict(list)
-        for free in frees:
-            of_term[free.hypothesis.name].append(free)
-        kept = {id(some[i]) for some in of_term.values() for i in np.unique(np.linspace(
+    def thin(self, tried):
+        """Hypotheses, or free_hypotheses.Frees, that are tried: so many places of each, evenly."""
+        groups = defaultdict(list)
+        for one in tried:
+            hypothesis = getattr(one, 'hypothesis', one)
+            if hypothesis.name not in COSTLY:
+                groups[hypothesis.name, *((key, str(hypothesis.place[key])) for key in CARRIERS
+                                          if key in hypothesis.place)].append(one)
+        kept = {id(some[i]) for some in groups.values() for i in np.unique(np.linspace(
             0, len(some) - 1, min(len(some), self.places)).round().astype(int))}
-        return tuple(free for free in frees if id(free) in kept)
+        return tuple(one for one in tried if id(one) in kept)
 
     def said(self, scene):
         """Sentences on it, for recordings of a core.scene.Scene."""
         end = ('Candidate terms were ranked by their sensitivities alone, to first order: no full '
                'fit, no comparison of pairs, no verdict.')
         if not scene.pads:
-            return (f'Of each candidate term {self.places} places or times at most were tried.',
-                    end)
-        return (f'The model was compared at {self.states} load states at most.',
-                f'The error of the mesh comes from {self.members} perturbed meshes and none that '
-                'is finer.', end)
+            return (f'Of each candidate term {self.places} places at most were tried.', end)
+        return (f'The model was compared at {self.states} load states at most, and its memory '
+                'follows a path through these alone.',
+                f'The error of the mesh comes from {self.members} perturbed mesh and none that is '
+                f'finer; of each candidate term {self.places} places at most were tried on each '
+                f'pad, marker or stream; not tried: {", ".join(map(spoken, COSTLY))}.', end)
 
 
 def screen(known, evidences, held_out=(), null=(), calibration=None, *, seed=0, accuracy=None,
@@ -104,6 +111,9 @@ def screen(known, evidences, held_out=(), null=(), calibration=None, *, seed=0, 
         (evidences, null, held_out), calibration,
         lambda share: progress(SIGNALS, round(share * len(every)), len(every)),
         **({} if quick is None else {'most': quick.states}))
+    if quick is not None:
+        looked, sound, tested = (tuple(map(_through_states, some))
+                                 for some in (looked, sound, tested))
     known.looked, known.sound, known.tested = looked, sound, tested
     known.left_out = (*left_out, *fewer, *fewest)
     known.steps.append(SIGNALS)
@@ -130,8 +140,16 @@ def screen(known, evidences, held_out=(), null=(), calibration=None, *, seed=0, 
                                   matched[len(looked) + len(sound):])
     known.steps += [MESHES, MODEL]
     known.tried = try_all(known.matched, occasions_of(looked),
-                          lambda done, of, name: progress(SCREEN, done, of, name))
+                          lambda done, of, name: progress(SCREEN, done, of, name),
+                          thin=None if quick is None else quick.thin)
     known.steps.append(SCREEN)
+
+
+def _through_states(recorded):
+    """The Recorded whose pads go straight from load state to load state."""
+    states = recorded.states
+    return replace(recorded, states=replace(states, path_t=states.t, path_q=states.q,
+                                            state=np.arange(len(states.t))))
 
 
 def recordings_of(known):
