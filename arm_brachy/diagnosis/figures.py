@@ -17,7 +17,8 @@ from arm_brachy.evaluation.timeseries import PadMark
 UNEXPLAINED = 'unexplained'   # what is drawn at a place of which it is not known what is there
 MOST_COLUMNS = 3    # recordings side by side; with more the axes are too narrow to read
 LINE = 0.1      # of the height of a panel: a line of text
-SHADE = '#fcebdf'
+SHADE = '#e9eef2'
+WIDE = 0.6          # of a recording: what lasts longer is told in words, not shaded
 GREY = '#b9c3ca'
 
 
@@ -139,16 +140,19 @@ def _draw_trace(axis, trace):
 def _mark(axis, intervals, *, named):
     lines = {}      # label -> number of its line: what overlaps in time is not written over
     for one in intervals:
-        axis.axvspan(one.t_start, one.t_end, color=SHADE, lw=0, zorder=0)
+        left, right = axis.get_xlim()
+        wide = one.t_end - one.t_start > WIDE * (right - left)
+        if not wide:
+            axis.axvspan(one.t_start, one.t_end, color=SHADE, lw=0, zorder=0)
         if one.onset is not None:
             axis.axvline(float(np.mean(one.onset)), color=GOAL, lw=1.3, zorder=1)
         label = one.term or one.regime
         if named and label and label not in lines:
             lines[label] = len(lines)
-            left, right = axis.get_xlim()
             late = one.t_start > 0.5 * (left + right)
+            share = ', throughout' if wide else ''
             axis.text(one.t_end if late else one.t_start, 0.97 - LINE * lines[label],
-                      f' {wording.spoken(label)} ', fontsize=7.5, va='top',
+                      f' {wording.spoken(label)}{share} ', fontsize=7.5, va='top',
                       ha='right' if late else 'left', color=GOAL,
                       transform=axis.get_xaxis_transform())
 
@@ -163,7 +167,7 @@ def _when_caption(d, left_out):
     text = ('Residual, measured minus predicted, as the root mean square over channels and axes; '
             'the model without new physics has its parameters refitted.')
     if d.when:
-        text += (' Shaded: when it shows'
+        text += (f' Shaded: when it shows, where that is less than {WIDE:.0%} of the recording'
                  + ('; line: sudden beginning.' if any(i.onset for i in d.when) else '.'))
     if left_out:
         count = len(left_out)

@@ -136,8 +136,13 @@ def _nearest(d):
 
 def _facts(d):
     facts = []
+    if d.fit:
+        worst = max(d.fit, key=lambda one: one.times_noise)
+        facts.append(Fact(f'Remaining misfit, {worst.stream}', number(worst.times_noise, 1),
+                          'times the noise'))
     if d.verdict == 'named':
-        facts.append(Fact('Probability', wording.percent(min(c.probability for c in d.causes))))
+        facts.append(Fact('Probability among the terms tried',
+                          wording.percent(min(c.probability for c in d.causes))))
     for one in d.fit:
         unit, scale = edge_unit(one.stream)
         stages = [one.as_given, one.recalibrated, *([] if one.named is None else [one.named])]
@@ -221,7 +226,7 @@ def _alternative_grid(d):
         (_terms([cause.term for cause in d.likeliest()]), Cell(number(d.held_out, 1), 'good'),
          Cell('named' if d.verdict == 'named' else 'the most probable option', 'good'))]
     lost = [(_terms(one.terms), Cell(number(one.held_out, 1)),
-             Cell(words.why_not(one, d), '' if one.visible else 'open'))
+             Cell(words.why_not(one, d)))
             for one in d.alternatives]
     return Grid(ALTERNATIVES, (*named, *lost), (
         'Score: gain in the natural logarithm of the probability of what was held out, over the '
