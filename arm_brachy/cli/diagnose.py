@@ -24,9 +24,10 @@ from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
 from arm_brachy.diagnosis.diagnosis import Provenance
 from arm_brachy.diagnosis.evidence import load_evidence, told_apart, zero_of
 from arm_brachy.diagnosis.finding import Calibration
-from arm_brachy.diagnosis.free_body import is_free
 from arm_brachy.diagnosis.free_run import as_let_go
+from arm_brachy.diagnosis.free_screening import is_free
 from arm_brachy.diagnosis.motion import motion_of
+from arm_brachy.diagnosis.next_steps import what_next
 from arm_brachy.diagnosis.page import write_diagnosis
 from arm_brachy.diagnosis.partial import partial_answer, quick_answer
 from arm_brachy.diagnosis.progress import FREE_STEPS, STEPS, UNITS
@@ -34,6 +35,8 @@ from arm_brachy.diagnosis.pushes import moves_of
 from arm_brachy.diagnosis.screening import Known
 from arm_brachy.diagnosis.statements import edge_unit
 from arm_brachy.diagnosis.wording import parameter
+
+SCREENED = 5    # candidates of a linear screen that the terminal shows; the page shows more
 
 
 @click.command()
@@ -95,7 +98,7 @@ def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, quick, t
     made_by = summary(name, (), seed=seed)
     provenance = Provenance(name, seed, made_by.commit, made_by.machine, str(scene), (),
                             _typed(bags, scene, scenes_of, null, held_out, calibration, quick))
-    clock.steps = FREE_STEPS if not read[scene].pads else STEPS
+    clock.steps = FREE_STEPS if is_free(read[scene]) else STEPS
     with new_folder(result_folder(out, 'diagnosis')) as folder:
         answer = _run(evidences, sound, tested, provenance, calibrated, quick, time_limit, clock)
         most = _shows_most(answer.diagnosis, [one.scene for one in evidences])
@@ -201,20 +204,23 @@ def _corrected(found, evidences, shown, scene, folder):
 
 
 def _show(found, folder):
-    console.print(found.sentence, highlight=False)
+    console.print(' '.join(filter(None, (found.sentence, words.remaining(found)))),
+                  highlight=False)
     if found.nearest is not None:
         console.print(words.nearest(found), highlight=False)
     for numbers in words.numbers(found):
         console.print(f'found     {numbers}', highlight=False)
     for name, _, *numbers in found.fitted_anyway():
         console.print(f'fitted    {parameter(name, *numbers)}', highlight=False)
+    for one in found.screen[:SCREENED]:
+        console.print(f'screen    {words.screened(one)}', highlight=False)
     if found.fit:
         show_table(summary('held-out error (rms per axis)', tuple(map(_row, found.fit)),
                            seed=found.provenance.seed))
     for note in found.notes:
         console.print(f'note      {note}', highlight=False)
-    if found.next_experiment is not None:
-        console.print(f'next      {words.request(found.next_experiment)}', highlight=False)
+    for step in what_next(found):
+        console.print(f'next      {step}', highlight=False)
     if found.scene:
         console.print(f'scenario  {found.scene}')
     console.print(f'report    {folder / "diagnosis.html"}')

@@ -107,6 +107,15 @@ def _screened(d):
             f'{first.evidence:+.0f}{ahead}), which is no proof of it.')
 
 
+def screened(one):
+    """A Screened candidate in one line."""
+    size = f', {one.size}' if one.size else ''
+    where = f' ({one.variant})' if one.variant else ''
+    full = '' if one.full_fit is None else f', by a full fit {one.full_fit:+.1f}'
+    return (f'{spoken(one.term)}{where}{size}: log evidence {one.evidence:+.1f}{full}, held out '
+            f'{one.held_out:+.1f}')
+
+
 def _nats(one, other):
     return f'{one.evidence - other.evidence:.0f}'
 
