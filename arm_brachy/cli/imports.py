@@ -203,6 +203,7 @@ def c3d_command(files, options_file, scene, out, json_file):
     rows = [_capture_row(one) for one in found['bags']]
     show(summary('import c3d', rows), json_file)
     for one in found['bags']:
+        _note(one['notes'])
         console.print(f"bag  {one['bag']}", highlight=False)
 
 

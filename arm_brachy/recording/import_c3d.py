@@ -4,12 +4,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-import ezc3d
 import numpy as np
 
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.quantity import quantity
 from arm_brachy.recording import encode
+from arm_brachy.recording.c3d_file import doubled, read_file
+from arm_brachy.recording.c3d_gaps import hide_gaps
 from arm_brachy.recording.rigid import fit_rigid
 from arm_brachy.recording.sampling import sampling
 from arm_brachy.recording.writer import BagWriter
@@ -67,12 +68,16 @@ class C3dImport:
 
 @dataclass(frozen=True)
 class Capture:
-    """Points of one file. points : (n, k, 3) [m], NaN = gap;  rate [Hz];  first : frame number."""
+    """Points of one file. points : (n, k, 3) [m], NaN = gap;  rate [Hz];  first : frame number.
+
+    notes : what a person should know of how the file was read
+    """
 
     names: tuple
     points: np.ndarray
     rate: float
     first: int
+    notes: tuple = ()
 
 
 def import_c3d(files, out_dir, options, scene=None, *, attachments=None):
@@ -81,7 +86,7 @@ def import_c3d(files, out_dir, options, scene=None, *, attachments=None):
     options : C3dImport;  scene : core.scene.Scene with the reference positions, needed only for a
     registration;  attachments : file name -> text kept in every bag
     Returns a dict: bags, one dict per file: source, bag, frames, rate_Hz, unit, missing_values,
-    longest_gap_s, registration_mm (marker -> distance left), rest_spread_mm (marker -> rms about
+    longest_gap_s, notes, registration_mm (marker -> distance left), rest_spread_mm (marker -> rms about
     its mean during the rest), trigger_s (in the bag's time), messages.
     Raises RecordingError naming the file.
     """
@@ -92,46 +97,56 @@ def import_c3d(files, out_dir, options, scene=None, *, attachments=None):
 
 
 def read_c3d(path, names=None, unit='file'):
-    """Read the points of a C3D file as Capture; a gap is a negative residual or NaN.
+    """Read the points of a C3D file as Capture; NaN where a point was not seen.
 
     names : our name -> label, None or empty = the labels;  unit : 'file', 'm' or 'mm'
-    Raises RecordingError if the file is no C3D, lacks a label, or names no known unit.
+    Not seen are a negative residual, NaN, and numbers that no camera gives (`c3d_gaps`); outputs
+    of a body model are no points and are left out. What was left out is in the notes.
+    Raises RecordingError if the file is no C3D, contradicts itself, lacks a label, has one twice,
+    or names no known unit.
     """
-    data = _parse(path)
-    point = data['parameters']['POINT']
-    labels = [str(v).strip() for v in point['LABELS']['value']]
-    keys = names or {label: label for label in labels if label}
-    absent = [label for label in keys.values() if label not in labels]
+    file = read_file(path)
+    notes = list(file.notes)
+    keys = names or _markers(file, notes)
+    _refuse_labels(path, file, keys)
+    index = [file.labels.index(label) for label in keys.values()]
+    scale = _scale(path, file, unit)
+    points, hidden = hide_gaps(file.values[:, index] * scale, tuple(keys),
+                               file.resolution * scale)
+    return Capture(tuple(keys), points, file.rate, file.first, (*notes, *hidden))
+
+
+def _markers(file, notes):
+    """Name -> label of every labelled point that is none of a model's outputs; a note on those."""
+    outputs = [label for label in file.labels if label in file.model_outputs]
+    if outputs:
+        groups = sorted({file.model_outputs[label] for label in outputs})
+        notes.append(f'{len(outputs)} outputs of a body model left out (POINT:'
+                     f'{", POINT:".join(groups)}): {", ".join(outputs)}')
+    return {label: label for label in file.labels if label and label not in outputs}
+
+
+def _refuse_labels(path, file, keys):
+    known = [label for label in file.labels if label]
+    absent = [label for label in keys.values() if label not in known]
     if absent:
         raise RecordingError(f'{path}: no marker labelled {absent[0]!r}; the file has: '
-                             f'{", ".join(labels) or "none"}')
+                             f'{", ".join(known) or "none"}')
     if not keys:
         raise RecordingError(f'{path}: holds no labelled marker')
-    scale = _scale(path, point, unit)
-    rate = float(data['header']['points']['frame_rate'])
-    if not rate > 0.0:
-        raise RecordingError(f'{path}: frame rate {rate:g} Hz; must be > 0')
-    index = [labels.index(label) for label in keys.values()]
-    points = np.moveaxis(data['data']['points'][:3, index], 0, -1).swapaxes(0, 1) * scale
-    residual = data['data']['meta_points']['residuals'][0][index].T
-    points[(residual < 0) | ~np.isfinite(points).all(axis=2)] = np.nan
-    return Capture(tuple(keys), points, rate, int(data['header']['points']['first_frame']))
+    twice = [label for label in doubled(file.labels) if label in keys.values()]
+    if twice:
+        raise RecordingError(f'{path}: {file.labels.count(twice[0])} points are labelled '
+                             f'{twice[0]!r}; every label must be there once: rename them, or name '
+                             'the points to read in the options (`names`)')
+    outputs = [label for label in keys.values() if label in file.model_outputs]
+    if outputs:
+        raise RecordingError(f'{path}: {outputs[0]!r} is an output of a body model (POINT:'
+                             f'{file.model_outputs[outputs[0]]}); must be a marker')
 
 
-def _parse(path):
-    if not Path(path).is_file():
-        raise RecordingError(f'{path}: no such file')
-    try:
-        return ezc3d.c3d(str(path))
-    except (OSError, RuntimeError, ValueError, IndexError) as error:
-        problem = ' '.join(str(error).split())
-        raise RecordingError(f'{path}: not a readable C3D file: {problem}') from None
-
-
-def _scale(path, point, unit):
-    if unit == 'file':
-        said = point['UNITS']['value'] if 'UNITS' in point else []
-        unit = str(said[0]).strip() if len(said) else ''
+def _scale(path, file, unit):
+    unit = file.unit if unit == 'file' else unit
     if unit not in LENGTH_UNITS:
         raise RecordingError(f'{path}: unit {unit!r}; must be m or mm: set `unit` in the options')
     return LENGTH_UNITS[unit]
@@ -139,7 +154,7 @@ def _scale(path, point, unit):
 
 def _import_one(path, out_dir, options, scene, attachments):
     capture = read_c3d(path, options.names, options.unit)
-    report = {'source': str(path), 'rate_Hz': capture.rate}
+    report = {'source': str(path), 'rate_Hz': capture.rate, 'notes': list(capture.notes)}
     points = capture.points
     if options.registration is not None:
         points = _register(path, capture, options.registration, scene, report)
