@@ -9,6 +9,7 @@ from arm_brachy.tissue.build import build_body, placement_mesh, target_points
 from arm_brachy.tissue.jacobian import directed_jacobian
 from arm_brachy.tissue.mesh import embed, interpolate
 from arm_brachy.tissue.newton import StaticSolver
+from arm_brachy.tissue.resting import rest
 
 
 class TissueModel:
@@ -38,7 +39,7 @@ class TissueModel:
         mesh = placement_mesh(mesh, body)
         self._embedding = {name: embed(mesh, [point], names=[name])
                            for name, point in zip(self.targets, positions, strict=True)}
-        start = self._solver.solve(body.mesh.nodes, np.zeros_like(self._directions))
+        start = rest(self._solver, body.mesh.nodes, np.zeros_like(self._directions))
         if not start.outcome.ok:
             raise NotConverged(f'model of scene {scene.name} at rest: {start.outcome.advice}')
         self._rest = self._x = start.x

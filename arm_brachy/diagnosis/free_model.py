@@ -29,6 +29,7 @@ from arm_brachy.tissue.build import build_body
 from arm_brachy.tissue.mesh import embed
 from arm_brachy.tissue.modes import modes_of
 from arm_brachy.tissue.newton import StaticSolver
+from arm_brachy.tissue.resting import rest
 from arm_brachy.tissue.simulator import TissueSimulator
 from arm_brachy.tissue.terms.viscoelasticity import Viscoelasticity
 
@@ -165,7 +166,7 @@ class FreeModel:
             near = self.body.mesh.nodes
         fields, = evolve(self.body, self.terms, self._trajectory(
             np.array([RINGS]), self.body.mesh.nodes[None]))
-        found = solver.solve(near, np.zeros((0, 3)), fields)
+        found = rest(solver, near, np.zeros((0, 3)), fields)
         if not found.outcome.ok:
             raise NotConverged(f'no equilibrium under its own weight ({found.outcome.advice})')
         return found.x

@@ -11,6 +11,7 @@ from arm_brachy.core.errors import NotConverged
 from arm_brachy.diagnosis.specimen import attach
 from arm_brachy.tissue.jacobian import Equations, Linearisation, pad_translations
 from arm_brachy.tissue.newton import StaticSolver
+from arm_brachy.tissue.resting import rest
 
 AT_REST = 1e-7      # m that nodes may be off: no load acts but the pushes
 STEP = 1e-4         # m of push for the central difference
@@ -39,7 +40,7 @@ def _at_rest(body):
     linear = Linearisation(Equations.of(body), body.mesh.nodes, single=True)
     if linear.outstanding() <= AT_REST:
         return linear
-    found = StaticSolver(body).solve(body.mesh.nodes, np.zeros((len(body.pads), 3)))
+    found = rest(StaticSolver(body), body.mesh.nodes, np.zeros((len(body.pads), 3)))
     if not found.outcome.ok:
         raise NotConverged('a companion of the mesh has no state at rest '
                            f'({found.outcome.advice})')

@@ -38,6 +38,7 @@ from arm_brachy.tissue.dynamics import DynamicOptions
 from arm_brachy.tissue.mass import mass_matrix
 from arm_brachy.tissue.mesh import embed, interpolate, quadratic_mesh
 from arm_brachy.tissue.newton import StaticSolver
+from arm_brachy.tissue.resting import rest
 
 NAME = 'silicone-beam'
 SET = 'silicone_beam'
@@ -189,7 +190,7 @@ def tip_sag(scene, body):
 
     Raises NotConverged if there is none.
     """
-    solution = StaticSolver(body).solve(body.mesh.nodes, np.zeros((len(body.pads), 3)))
+    solution = rest(StaticSolver(body), body.mesh.nodes, np.zeros((len(body.pads), 3)))
     if not solution.outcome.ok:
         raise NotConverged(f'{scene.name} on {len(body.mesh.tets)} elements: no equilibrium under '
                           f'its own weight ({solution.outcome.advice}); soften the load')

@@ -105,8 +105,8 @@ def _layout(path, header, parameters, size):
         if not (chosen.start >= 2 * BLOCK and chosen.size <= room and chosen.frames > 0):
             raise RecordingError(
                 f'{path}: says {chosen.frames} frames of {chosen.row * chosen.word} bytes from '
-                f'byte {chosen.start}; the file has {max(room, 0)} bytes there: it is cut short or '
-                'damaged; export it again')
+                f'byte {chosen.start}; the file has {max(room, 0)} bytes there: it is cut short '
+                'or damaged; export it again')
         return _with_the_rest(path, chosen, header, room)
     fitting = [c for c in choices if c.start >= 2 * BLOCK and c.frames > 0
                and 0 <= size - c.start - c.size < BLOCK]

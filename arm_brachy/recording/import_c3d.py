@@ -86,8 +86,8 @@ def import_c3d(files, out_dir, options, scene=None, *, attachments=None):
     options : C3dImport;  scene : core.scene.Scene with the reference positions, needed only for a
     registration;  attachments : file name -> text kept in every bag
     Returns a dict: bags, one dict per file: source, bag, frames, rate_Hz, unit, missing_values,
-    longest_gap_s, notes, registration_mm (marker -> distance left), rest_spread_mm (marker -> rms about
-    its mean during the rest), trigger_s (in the bag's time), messages.
+    longest_gap_s, notes, registration_mm (marker -> distance left), rest_spread_mm (marker -> rms
+    about its mean during the rest), trigger_s (in the bag's time), messages.
     Raises RecordingError naming the file.
     """
     if not files:

@@ -17,12 +17,14 @@ class TetMesh:
     node_sets : name -> (k,) node indices
     midside : (m, 6) nodes in the middle of `element.EDGES` of each tetrahedron, or None; with them
         the elements are quadratic (`element.quadratic_mesh`)
+    notes : what a reader left out of the file, for a person
     """
 
     nodes: np.ndarray
     tets: np.ndarray
     node_sets: dict = field(default_factory=dict)
     midside: np.ndarray | None = None
+    notes: tuple = ()
 
     @property
     def connectivity(self):

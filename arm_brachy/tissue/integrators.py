@@ -14,6 +14,7 @@ from arm_brachy.core.outcome import Outcome
 from arm_brachy.tissue.contact_pads import PadContact
 from arm_brachy.tissue.dynamics import DynamicSolver, pad_loads
 from arm_brachy.tissue.newton import NewtonOptions, StaticSolver
+from arm_brachy.tissue.resting import rest
 
 # [N] Out-of-balance force per node below which a state counts as equilibrium without a solve.
 # If it pushed the same way at all 700 nodes of a 60 mm body of 6 kPa, the body would move by
@@ -225,7 +226,7 @@ class Implicit(AbstractIntegrator):
 
 def _settled(integrator, native, last, pads, t, fields):
     """(native, TissueState) at the equilibrium of bonded pads found from last.x."""
-    found = integrator.statics.solve(last.x, pads, fields)
+    found = rest(integrator.statics, last.x, pads, fields)
     if not found.outcome.ok:
         return native, TissueState(t, last.x, np.zeros_like(last.x), found.pad_force,
                                    found.pad_moment, found.outcome, found.iterations)

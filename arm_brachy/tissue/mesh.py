@@ -1,17 +1,14 @@
 """Tetrahedral meshes: reading, surface, quality, and points that ride on them."""
 
-import contextlib
-import io
-import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import meshio
 import numpy as np
 from scipy.sparse import csr_array
 from trimesh.triangles import closest_point
 
 from arm_brachy.core.errors import MeshError
+from arm_brachy.core.guard import file_bytes, guarded
 from arm_brachy.core.quantity import UNITS
 from arm_brachy.tissue.body import TetMesh
 from arm_brachy.tissue.element import (
@@ -22,6 +19,11 @@ from arm_brachy.tissue.element import (
     shape_values,
     signed_volumes,
 )
+from arm_brachy.tissue.formats import abaqus, gmsh
+from arm_brachy.tissue.formats.abaqus import read_abaqus
+from arm_brachy.tissue.formats.gmsh import is_gmsh, read_gmsh
+from arm_brachy.tissue.formats.other import read_other
+from arm_brachy.tissue.formats.raw import RawMesh, plain
 from arm_brachy.tissue.mesh_check import check_mesh
 
 # The centre of a 4 mm facial marker (thesis ch. 4) is 2 mm off the skin; the rest allows for its
@@ -35,63 +37,53 @@ FACE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 def load_mesh(path, unit='m'):
     """Read a tetrahedral mesh; nodes and elements keep the file's order.
 
-    path : any format meshio reads, or .npz with `nodes` (n, 3), `tets` (m, 4) and node sets:
-        1-D integer arrays of distinct node indices (others, such as tag tables, are left out)
+    path : Gmsh 2.2 or 4.1 (.msh), Abaqus (.inp), any other format meshio reads, or .npz with
+        `nodes` (n, 3), `tets` (m, 4) and node sets: 1-D integer arrays of distinct node indices
+        (others, such as tag tables, are left out)
     unit : 'm' or 'mm', the file's length unit
-    Returns TetMesh in metres. Named point sets and gmsh physical groups (`name`, or
-    `surface_<tag>`, `volume_<tag>`) become node sets.
+    Returns TetMesh in metres, with notes on what was left out. Named point sets and gmsh physical
+    groups (`name`, or `surface_<tag>`, `volume_<tag>`) become node sets. Ten-node tetrahedra are
+    read by their corners (`formats.raw`).
     Raises MeshError naming file, element and remedy; see `mesh_check.check_mesh`.
     """
     path = Path(path)
     if not path.is_file():
         raise MeshError(f'{path}: no such file; give the path of a tetrahedral mesh')
-    nodes, tets, sets = _read_npz(path) if path.suffix == '.npz' else _read_meshio(path)
+    nodes, tets, sets, notes = plain(_raw(path), str(path))
     scaled = np.ascontiguousarray(nodes, dtype=float) * UNITS[unit][0]
-    return check_mesh(TetMesh(scaled, np.ascontiguousarray(tets, dtype=np.int64), sets), str(path))
+    mesh = TetMesh(scaled, np.ascontiguousarray(tets, dtype=np.int64), sets, notes=notes)
+    return check_mesh(mesh, str(path))
+
+
+def _raw(path):
+    """The formats.raw.RawMesh of a file."""
+    kind = path.suffix.lower()
+    if kind == '.npz':
+        with guarded(path, MeshError, 'a readable .npz file', 'save it again by numpy.savez'):
+            return _read_npz(path)
+    if kind == '.inp':
+        with guarded(path, MeshError, 'a readable Abaqus input file', abaqus.ADVICE):
+            return read_abaqus(path)
+    if kind == '.msh' and is_gmsh(data := file_bytes(path, MeshError)):
+        with guarded(path, MeshError, 'a readable Gmsh file', gmsh.ADVICE):
+            return read_gmsh(data, str(path))
+    return read_other(path)
 
 
 def _read_npz(path):
-    try:
-        with np.load(path) as file:
-            data = {name: file[name] for name in file.files}
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
-        raise MeshError(f'{path}: cannot be read as .npz: {error}') from None
+    with np.load(path) as file:
+        data = {name: file[name] for name in file.files}
     missing = [name for name in ('nodes', 'tets') if name not in data]
     if missing:
         raise MeshError(f'{path}: no array {missing[0]!r}; must hold nodes (n, 3) and tets '
                         f'(m, 4); it holds {", ".join(data)}')
     nodes, tets = data.pop('nodes'), data.pop('tets')
+    if nodes.dtype.kind not in 'iuf' or tets.dtype.kind not in 'iu' or tets.ndim != 2:
+        raise MeshError(f'{path}: nodes of type {nodes.dtype} and tets of type {tets.dtype} and '
+                        f'shape {tets.shape}; must be numbers (n, 3) and whole numbers (m, 4)')
     sets = {name: np.sort(a).astype(np.int64) for name, a in data.items()
             if a.ndim == 1 and a.dtype.kind in 'iu' and len(np.unique(a)) == len(a)}
-    return nodes, tets, sets
-
-
-def _read_meshio(path):
-    try:
-        # meshio prints its complaints and leaves the interpreter when no reader fits
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            raw = meshio.read(path)
-    except (meshio.ReadError, SystemExit, ValueError, KeyError, IndexError, OSError) as error:
-        raise MeshError(f'{path}: meshio cannot read it ({type(error).__name__}: '
-                        f'{" ".join(str(error).split())}); check format and extension') from None
-    tets = raw.cells_dict.get('tetra', np.zeros((0, 4), dtype=np.int64))
-    sets = {name: np.unique(members).astype(np.int64) for name, members in raw.point_sets.items()}
-    sets.update(_physical_groups(raw))
-    return raw.points, tets, sets
-
-
-def _physical_groups(raw):
-    """Node sets of gmsh physical groups; dimension 2 and 3 groups may share a tag number."""
-    tags = raw.cell_data.get('gmsh:physical', [])
-    names = {tuple(v): name for name, v in raw.field_data.items()}
-    sets = {}
-    for block, tag in zip(raw.cells, tags, strict=False):
-        kind = {2: 'surface', 3: 'volume'}.get(block.dim)
-        for value in np.unique(tag) if kind else ():
-            name = names.get((value, block.dim), f'{kind}_{value}')
-            members = np.unique(block.data[tag == value])
-            sets[name] = np.union1d(sets.get(name, members), members).astype(np.int64)
-    return sets
+    return RawMesh(nodes, tets, sets)
 
 
 def volumes(mesh):
@@ -125,7 +117,7 @@ def quadratic_mesh(mesh):
     n, pairs = len(mesh.nodes), np.sort(mesh.tets[:, EDGES], axis=2)
     edges, which = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
     full = TetMesh(np.vstack([mesh.nodes, mesh.nodes[edges].mean(axis=1)]), mesh.tets, {},
-                   n + which.reshape(-1, len(EDGES)))
+                   n + which.reshape(-1, len(EDGES)), mesh.notes)
     sets = {name: with_midside(full, nodes) for name, nodes in mesh.node_sets.items()}
     return replace(full, node_sets=sets)
 

@@ -10,6 +10,7 @@ from scipy.stats import qmc
 
 from arm_brachy.core.errors import InputError, NotConverged
 from arm_brachy.tissue.newton import StaticSolver
+from arm_brachy.tissue.resting import rest
 
 ROUNDING = 1e-9  # m, by which a displacement may miss the domain
 
@@ -243,9 +244,11 @@ def snapshots(body, domain, count, rng):
 def solve_pushes(body, domain, pushes):
     """Return the Snapshots of a SoftBody at given pushes (k, p, 3) [m]; see `snapshots`."""
     solver = StaticSolver(body)
-    rest = _solved(solver, body.mesh.nodes, np.zeros((len(body.pads), 3)))
-    known, states = [np.zeros(pushes[0].size)], [rest.x]
-    x, force = np.empty((len(pushes), *rest.x.shape)), np.empty(pushes.shape)
+    start = rest(solver, body.mesh.nodes, np.zeros((len(body.pads), 3)))
+    if not start.outcome.ok:
+        raise NotConverged(f'no state at rest: {start.outcome.advice}')
+    known, states = [np.zeros(pushes[0].size)], [start.x]
+    x, force = np.empty((len(pushes), *start.x.shape)), np.empty(pushes.shape)
     waiting = np.arange(len(pushes))
     gap = np.linalg.norm(pushes.reshape(len(pushes), -1), axis=1)
     near = np.zeros(len(pushes), dtype=int)
@@ -259,7 +262,7 @@ def solve_pushes(body, domain, pushes):
         near[away < gap] = len(states) - 1
         gap = np.minimum(gap, away)
         waiting = waiting[waiting != k]
-    return Snapshots(domain, pushes, x, force, rest.x)
+    return Snapshots(domain, pushes, x, force, start.x)
 
 
 def _solved(solver, x0, push):
