@@ -19,9 +19,10 @@ from arm_brachy.tissue.element import (
     shape_values,
     signed_volumes,
 )
-from arm_brachy.tissue.formats import abaqus, gmsh
+from arm_brachy.tissue.formats import abaqus, gmsh, nastran
 from arm_brachy.tissue.formats.abaqus import read_abaqus
 from arm_brachy.tissue.formats.gmsh import is_gmsh, read_gmsh
+from arm_brachy.tissue.formats.nastran import read_nastran
 from arm_brachy.tissue.formats.other import read_other
 from arm_brachy.tissue.formats.raw import RawMesh, plain
 from arm_brachy.tissue.mesh_check import check_mesh
@@ -37,9 +38,9 @@ FACE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 def load_mesh(path, unit='m'):
     """Read a tetrahedral mesh; nodes and elements keep the file's order.
 
-    path : Gmsh 2.2 or 4.1 (.msh), Abaqus (.inp), any other format meshio reads, or .npz with
-        `nodes` (n, 3), `tets` (m, 4) and node sets: 1-D integer arrays of distinct node indices
-        (others, such as tag tables, are left out)
+    path : Gmsh 2.2 or 4.1 (.msh), Abaqus (.inp), Nastran (.bdf), any other format meshio reads,
+        or .npz with `nodes` (n, 3), `tets` (m, 4) and node sets: 1-D integer arrays of distinct
+        node indices (others, such as tag tables, are left out)
     unit : 'm' or 'mm', the file's length unit
     Returns TetMesh in metres, with notes on what was left out. Named point sets and gmsh physical
     groups (`name`, or `surface_<tag>`, `volume_<tag>`) become node sets. Ten-node tetrahedra are
@@ -64,6 +65,9 @@ def _raw(path):
     if kind == '.inp':
         with guarded(path, MeshError, 'a readable Abaqus input file', abaqus.ADVICE):
             return read_abaqus(path)
+    if kind in ('.bdf', '.nas', '.fem', '.dat'):
+        with guarded(path, MeshError, 'a readable Nastran file', nastran.ADVICE):
+            return read_nastran(file_bytes(path, MeshError), str(path))
     if kind == '.msh' and is_gmsh(data := file_bytes(path, MeshError)):
         with guarded(path, MeshError, 'a readable Gmsh file', gmsh.ADVICE):
             return read_gmsh(data, str(path))

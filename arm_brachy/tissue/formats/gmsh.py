@@ -126,7 +126,8 @@ class _Cursor:
         """Return bytes; raises EOFError beyond the end."""
         if not 0 <= count <= len(self._data) - self._at:
             raise EOFError(f'{count} bytes asked for, {len(self._data) - self._at} left')
-        found, self._at = self._data[self._at:self._at + count], self._at + count
+        found = self._data[self._at:self._at + count]
+        self._at += count
         return found
 
     def _numbers(self, kind, count):

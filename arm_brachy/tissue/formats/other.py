@@ -1,7 +1,7 @@
 """Mesh files of all formats that meshio reads, in a process of its own with limits.
 
-In its own: its readers allocate by counts in the file, and some of them never end (Nastran
-without ENDDATA), print, or leave the interpreter.
+In its own: its readers allocate by counts in the file, print, leave the interpreter, and wait for
+lines that do not come.
 """
 
 from io import BytesIO
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from arm_brachy.core.errors import MeshError
-from arm_brachy.core.guard import confined, decoded, file_bytes
+from arm_brachy.core.guard import confined
 from arm_brachy.tissue.formats.raw import RawMesh
 
 SCRIPT = Path(__file__).with_name('meshio_script.py')
@@ -23,7 +23,6 @@ def read_other(path):
 
     Raises MeshError.
     """
-    refuse_systems(path)
     data = confined(SCRIPT, path, MeshError, f'a readable {Path(path).suffix or "mesh"} file',
                     ADVICE)
     with np.load(BytesIO(data)) as file:
@@ -51,22 +50,3 @@ def _add_groups(sets, cells, groups, dimension):
         members = np.unique(cells[groups == group])
         name = f'{kind}_{group}'
         sets[name] = np.union1d(sets.get(name, members), members).astype(np.int64)
-
-
-def refuse_systems(path):
-    """Refuse a Nastran file whose nodes are given in coordinate systems of its own.
-
-    meshio reads their numbers as if they were in the basic one.
-    """
-    if Path(path).suffix.lower() not in ('.bdf', '.fem', '.nas'):
-        return
-    for number, line in enumerate(decoded(file_bytes(path, MeshError)).splitlines(), 1):
-        card = line[:8].upper().rstrip()
-        if not card.startswith('GRID') or card[4:5] not in ('', '*', ',', ' '):
-            continue
-        fields = line.split(',') if ',' in line else [line[:8], line[8:16], line[16:24]]
-        if '*' in card and ',' not in line:
-            fields = [line[:8], line[8:24], line[24:40]]
-        if len(fields) > 2 and fields[2].strip() not in ('', '0'):
-            raise MeshError(f'{path}:{number}: GRID in coordinate system {fields[2].strip()}; '
-                            f'must be in the basic one (0); {ADVICE}')
