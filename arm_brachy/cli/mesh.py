@@ -22,7 +22,8 @@ from arm_brachy.tissue.mesh_command import mesh_command
 def mesh(surface, output, edge_length_mm, unit, scene, json_file):
     """Fill a closed SURFACE with tetrahedra.
 
-    SURFACE is an STL, OBJ, PLY or OFF file, OUTPUT a file that meshio writes (.msh, .vtu, ...).
+    SURFACE is an STL, OBJ, PLY or OFF file, OUTPUT one that holds tetrahedra: .msh, .vtu, .vtk,
+    .xdmf, .inp, .mesh or .npz.
     A second call gives another mesh of equal quality, so a mesh is never overwritten.
 
     A mesh that cuts across the rim of a pad holds another disc than the pad's: pushes are then off

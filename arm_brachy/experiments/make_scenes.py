@@ -30,6 +30,7 @@ from arm_brachy.tissue import meshing
 from arm_brachy.tissue.body import TetMesh
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.disc_meshing import mesh_with_discs
+from arm_brachy.tissue.formats.writing import write_mesh
 
 SCENES = Path(__file__).resolve().parents[2] / 'config' / 'scenes'
 STANDARD_GRAVITY = 9.81  # m/s^2, as in the beam's published protocol
@@ -261,8 +262,8 @@ def make(folder=SCENES, *, remesh=False):
     for name, (surface, wish) in MESHES.items():
         if remesh or not (folder / name).is_file():
             mesh, tables[name] = _meshed(folder / surface, **wish)
-            meshing.write_mesh(folder / name, mesh)
-    meshing.write_mesh(folder / 'silicone_beam/beam.msh', beam_mesh())  # the same every time
+            write_mesh(folder / name, mesh)
+    write_mesh(folder / 'silicone_beam/beam.msh', beam_mesh())  # the same every time
     return tables
 
 

@@ -15,7 +15,7 @@ from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, Region, 
 from arm_brachy.recording.csv_map import ColumnMap, CsvFile, Encoders, Forces, Optical, Tools
 from arm_brachy.recording.import_csv import import_csv
 from arm_brachy.tissue.disc_meshing import mesh_with_discs
-from arm_brachy.tissue.meshing import write_mesh
+from arm_brachy.tissue.formats.writing import write_mesh
 
 FEWEST, MOST = 1900, 2600       # tetrahedra of a mesh, quadratic
 FIRST_EDGE = 0.16               # of the cube root of the volume; then searched

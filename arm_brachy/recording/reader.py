@@ -17,6 +17,7 @@ from mcap.writer import MCAP0_MAGIC
 from mcap_ros2.decoder import DecoderFactory
 
 from arm_brachy.core.errors import RecordingError
+from arm_brachy.core.guard import MALFORMED, one_line
 from arm_brachy.recording.canonical import Canonical
 
 
@@ -48,7 +49,8 @@ class BagReader:
     """A bag directory or a bare .mcap file, open for reading.
 
     Raises RecordingError if it is missing, truncated (the message names the command that mends it)
-    or not MCAP. Chunk checksums are verified.
+    or not MCAP. Chunk checksums are verified. Channels that hold no ROS 2 messages (JSON,
+    Protobuf, no schema at all: MCAP allows them) are left out; `left_out` are their topics.
     Test: recording/test_reader.py.
     """
 
@@ -62,7 +64,8 @@ class BagReader:
             self._summary = self._mcap.get_summary()
         if self._summary is None or self._summary.statistics is None:
             raise RecordingError(f'{self.path}: has no index; {_mend(self.path)}')
-        self._topics = _topics(self._summary)
+        with _readable(self.path):
+            self._topics, self.left_out = _topics(self._summary)
 
     def close(self):
         """Close the file; a second call does nothing."""
@@ -99,7 +102,9 @@ class BagReader:
             decode = decoders.decoder_for('cdr', schema)
             if decode is None:
                 raise RecordingError(f'{self.path}: {topic} is not CDR with a ros2msg schema')
-            yield _record(topic, schema, message), decode(message.data)
+            with _readable(self.path):
+                decoded = decode(message.data)
+            yield _record(topic, schema, message), decoded
 
     def series(self, topic, extractor, *, clock='log'):
         """Return (t, values) of one topic as arrays.
@@ -138,11 +143,12 @@ class BagReader:
             return {m.name: dict(m.metadata) for m in self._mcap.iter_metadata()}
 
     def _iterate(self, topics, start_ns, stop_ns):
-        names = None if topics is None else [self._known(t) for t in topics]
+        names = list(self._topics) if topics is None else [self._known(t) for t in topics]
         with _readable(self.path):
             for schema, channel, message in self._mcap.iter_messages(
                     names, starting_at=start_ns, ending_before=stop_ns):
-                yield channel.topic, schema, message
+                if is_ros(channel, schema):
+                    yield channel.topic, schema, message
 
     def _known(self, topic):
         if topic in self._topics:
@@ -217,24 +223,33 @@ def _readable(path):
     """Turn what the MCAP and compression libraries raise on damaged bytes into one line."""
     try:
         yield
-    except (McapError, CRCValidationError, zstandard.ZstdError, struct.error,
-            UnicodeDecodeError) as error:
-        problem = ' '.join(str(error).split()) or type(error).__name__
+    except (McapError, CRCValidationError, zstandard.ZstdError, *MALFORMED) as error:
+        problem = one_line(error) or type(error).__name__
         raise RecordingError(f'{path}: damaged ({problem}); {_mend(path)}') from None
 
 
+def is_ros(channel, schema):
+    """Return True if an MCAP channel holds ROS 2 messages, with their definition in its schema."""
+    return (schema is not None and schema.encoding == 'ros2msg'
+            and channel.message_encoding == 'cdr')
+
+
 def _topics(summary):
+    """(topic name -> Topic of ROS 2 channels, names of the others)."""
     counts = defaultdict(int)
     for channel_id, count in summary.statistics.channel_message_counts.items():
         counts[summary.channels[channel_id].topic] += count
-    found = {}
+    found, others = {}, set()
     for channel in summary.channels.values():
-        schema = summary.schemas[channel.schema_id]
+        schema = summary.schemas.get(channel.schema_id)
+        if not is_ros(channel, schema):
+            others.add(channel.topic)
+            continue
         found[channel.topic] = Topic(
             channel.topic, schema.name, counts[channel.topic],
             channel.metadata.get('offered_qos_profiles', ''),
             channel.metadata.get('topic_type_hash', ''), schema.data.decode())
-    return dict(sorted(found.items()))
+    return dict(sorted(found.items())), tuple(sorted(others - found.keys()))
 
 
 def _record(topic, schema, message):

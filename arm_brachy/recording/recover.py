@@ -12,8 +12,9 @@ from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from arm_brachy.core.errors import RecordingError
+from arm_brachy.core.guard import MALFORMED, guarded
 from arm_brachy.recording import qos
-from arm_brachy.recording.reader import mcap_file
+from arm_brachy.recording.reader import is_ros, mcap_file
 from arm_brachy.recording.writer import BagWriter
 
 FRAME = struct.Struct('<BQ')          # opcode, length of the body (MCAP specification, "Records")
@@ -73,16 +74,23 @@ class _Salvage:
 
     def _complete(self, opcode, body):
         if opcode != Opcode.CHUNK:
-            yield from _parse(opcode, body)
+            yield from self._sound(_parse(opcode, body))
             return
         try:
             chunk = Chunk.read(ReadDataStream(BytesIO(body)))
             data, size = get_chunk_data_stream(chunk, validate_crc=True)
             content = data.read(size)
-        except (ValueError, zstandard.ZstdError, struct.error):
+        except (zstandard.ZstdError, *MALFORMED):
             self.damaged_chunks += 1
             return
-        yield from _unpack(content)
+        yield from self._sound(_unpack(content))
+
+    def _sound(self, records):
+        """Records up to the first that is malformed; that is counted with its chunk."""
+        try:
+            yield from records
+        except MALFORMED:
+            self.damaged_chunks += 1
 
     def _cut_short(self, opcode, body):
         """The messages of an incomplete chunk that lie before the cut."""
@@ -99,7 +107,7 @@ class _Salvage:
                 return
         elif name:
             return
-        yield from _unpack(data)
+        yield from self._sound(_unpack(data))
 
 
 def _unpack(content):
@@ -141,7 +149,7 @@ def _copy(record, salvage, bag):
                       record.sequence)
     elif isinstance(record, Schema):
         salvage.schemas[record.id] = record
-    elif isinstance(record, Channel) and record.schema_id in salvage.schemas:
+    elif isinstance(record, Channel) and is_ros(record, salvage.schemas.get(record.schema_id)):
         schema = salvage.schemas[record.schema_id]
         salvage.channels[record.id] = record
         bag.add_topic(record.topic, schema.name, definition=schema.data.decode(),
@@ -163,6 +171,7 @@ def _require_header(stream, path):
     body = stream.read(FRAME.unpack(frame)[1])
     if len(body) < FRAME.unpack(frame)[1]:
         raise RecordingError(f'{path}: ends before its header; nothing can be recovered')
-    profile = Header.read(ReadDataStream(BytesIO(body))).profile
+    with guarded(path, RecordingError, 'a readable MCAP file', 'nothing can be recovered'):
+        profile = Header.read(ReadDataStream(BytesIO(body))).profile
     if profile != 'ros2':
         raise RecordingError(f"{path}: MCAP profile {profile!r}; must be 'ros2'")

@@ -9,10 +9,8 @@ issue fTetWild#72): a mesh file, once written, is an input to be kept, not a pro
 import contextlib
 import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 
 import igl
-import meshio
 import numpy as np
 import pytetwild
 import trimesh
@@ -141,20 +139,6 @@ def report_of(surface, mesh, edge_length, repairs=()):
         shortest_edge=float(edges.min()), longest_edge=float(edges.max()), repairs=repairs)
 
 
-def write_mesh(path, mesh):
-    """Write a TetMesh in metres, format by extension: .msh is Gmsh 2.2 ASCII, .vtu VTK, and so on.
-
-    path : file to write;  mesh : TetMesh. Raises MeshError for an extension meshio cannot write.
-    """
-    kind = format_of(path)
-    tags = [np.ones(len(mesh.tets), dtype=np.int32)]
-    data = {'gmsh:physical': tags, 'gmsh:geometrical': tags} if kind == 'gmsh22' else {}
-    out = meshio.Mesh(mesh.nodes, [('tetra', mesh.tets)], cell_data=data)
-    options = {'binary': False} if kind == 'gmsh22' else {}
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    meshio.write(path, out, file_format=kind, **options)
-
-
 def mean_ratio(mesh):
     """Mean-ratio quality (m,) of the elements: 1 = regular, 0 = flat, negative = inverted.
 
@@ -262,15 +246,3 @@ def _farthest_squared(points_of, other):
     squared = igl.point_mesh_squared_distance(points, np.ascontiguousarray(other.vertices),
                                               np.ascontiguousarray(other.faces, np.int64))[0]
     return np.max(squared)
-
-
-def format_of(path):
-    """meshio's name of the format that belongs to a path; `.msh` is pinned to Gmsh 2.2."""
-    suffix = Path(path).suffix.lower()
-    if suffix == '.msh':
-        return 'gmsh22'
-    known = meshio.extension_to_filetypes
-    if suffix not in known:
-        raise MeshError(f'{path}: cannot write {suffix or "a file without extension"}; '
-                        'use .msh, .vtu, .vtk, .xdmf or another format meshio writes')
-    return known[suffix][0]

@@ -1,7 +1,5 @@
 """Closed triangulated surfaces: reading them, and refusing what has no inside or no sense."""
 
-from pathlib import Path
-
 import igl
 import numpy as np
 import trimesh
@@ -9,6 +7,7 @@ from igl import predicates
 
 from arm_brachy.core.errors import MeshError
 from arm_brachy.core.quantity import UNITS
+from arm_brachy.tissue.formats.surface_file import read_surface_file
 
 # A body of this system fits in a hand or on a table; anything else is a mistaken unit.
 SMALLEST_EXTENT = 2e-3  # m
@@ -31,7 +30,7 @@ def read_surface(source, *, unit='mm'):
     if unit not in ('m', 'mm'):
         raise MeshError(f'unit = {unit!r}; must be m or mm')
     where = str(source) if not isinstance(source, trimesh.Trimesh) else 'surface'
-    vertices, faces = _load(source, where)
+    vertices, faces, notes = _load(source, where)
     vertices = vertices * UNITS[unit][0]
     _check_size(vertices, unit, where)
     vertices, faces, repairs = _merge_corners(vertices, faces, where)
@@ -40,27 +39,23 @@ def read_surface(source, *, unit='mm'):
     faces = _orient(vertices, faces, repairs, where)
     surface = trimesh.Trimesh(vertices, faces, process=False)
     _check_self_intersections(surface, where)
-    return surface, tuple(repairs)
+    return surface, (*notes, *repairs)
 
 
 def _load(source, where):
     if isinstance(source, trimesh.Trimesh):
-        loaded = source
+        vertices, faces, notes = np.array(source.vertices, float), source.faces, ()
     else:
-        if not Path(source).is_file():
-            raise MeshError(f'{where}: no such file; must be an STL, OBJ, PLY or OFF file')
-        try:
-            loaded = trimesh.load(source, force='mesh', process=False)
-        except (ValueError, KeyError, IndexError, NotImplementedError) as error:
-            raise MeshError(f'{where}: not a readable surface (STL, OBJ, PLY or OFF): '
-                            f'{" ".join(str(error).split())}') from None
-    vertices = np.asarray(getattr(loaded, 'vertices', ()), dtype=float)
-    faces = np.asarray(getattr(loaded, 'faces', ()), dtype=np.int64)
+        vertices, faces, notes = read_surface_file(source)
+    faces = np.asarray(faces, dtype=np.int64)
     if len(faces) == 0:
         raise MeshError(f'{where}: 0 triangles; must be a closed triangulated surface')
     if not np.isfinite(vertices).all():
         raise MeshError(f'{where}: a corner is not finite; every coordinate must be a number')
-    return vertices, faces
+    if not (faces.min() >= 0 and faces.max() < len(vertices)):
+        raise MeshError(f'{where}: a face names corners {faces.min()} to {faces.max()}; must be 0 '
+                        f'to {len(vertices) - 1}; export it again')
+    return vertices, faces, notes
 
 
 def _check_size(vertices, unit, where):

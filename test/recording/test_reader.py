@@ -4,10 +4,12 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.recording import encode
 from arm_brachy.recording.reader import BagReader, payload_hashes
+from arm_brachy.recording.recover import recover
 from arm_brachy.recording.writer import SCENARIO, BagWriter
 
 
@@ -99,3 +101,33 @@ def test_damaged_chunk_is_told_not_read(make_bag, tmp_path):
     (tmp_path / 'bad.mcap').write_bytes(data)
     with pytest.raises(RecordingError, match='damaged'):
         list(BagReader(tmp_path / 'bad.mcap').messages())
+
+
+def with_other_channels(path):
+    """A ROS 2 bag that also has a channel without schema, and one of JSON with its schema."""
+    encoder = encode.Encoder()
+    with path.open('wb') as stream:
+        out = Writer(stream)
+        out.start(profile='ros2')
+        ros = out.register_schema(encode.JOINT_STATE, 'ros2msg',
+                                  encoder.definitions[encode.JOINT_STATE].encode())
+        schema = out.register_schema('Note', 'jsonschema', b'{"type": "object"}')
+        channels = {'/a': out.register_channel('/a', 'cdr', ros),
+                    '/notes': out.register_channel('/notes', 'json', 0),
+                    '/log': out.register_channel('/log', 'json', schema)}
+        for k in range(5):
+            for topic, channel in channels.items():
+                data = encoder.joint_state(k, 'w', ['x'], [k]) if topic == '/a' else b'{}'
+                out.add_message(channel, k, data, k)
+        out.finish()
+    return path
+
+
+def test_channels_of_no_ros_messages_are_left_out(tmp_path):
+    path = with_other_channels(tmp_path / 'x.mcap')
+    with BagReader(path) as bag:
+        assert list(bag.topics()) == ['/a'] and bag.left_out == ('/log', '/notes')
+        assert [m.position[0] for _, m in bag.messages()] == list(range(5))
+    assert list(payload_hashes(path)) == ['/a']
+    recover(path, tmp_path / 'new')
+    assert payload_hashes(tmp_path / 'new') == payload_hashes(path)

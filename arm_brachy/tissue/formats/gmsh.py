@@ -95,7 +95,7 @@ class _Cursor:
         mark = b'$End' + name
         if self._tokens is not None:
             if self._next != len(self._tokens):
-                raise MeshError(f'{where}: ${decoded(name)} holds {len(self._tokens)} numbers, its '
+                raise MeshError(f'{where}: ${decoded(name)} has {len(self._tokens)} numbers, its '
                                 f'counts ask for {self._next}; the file is damaged; {ADVICE}')
             self._tokens = None
             return
