@@ -14,6 +14,7 @@ from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 from mcap.stream_reader import CRCValidationError
 from mcap.writer import MCAP0_MAGIC
+from mcap_ros2._vendor.rosidl_adapter.parser import InvalidSpecification, InvalidValue
 from mcap_ros2.decoder import DecoderFactory
 
 from arm_brachy.core.errors import RecordingError
@@ -99,11 +100,8 @@ class BagReader:
         """Yield (Record, decoded message), in the order of `records`."""
         decoders = DecoderFactory()
         for topic, schema, message in self._iterate(topics, start_ns, stop_ns):
-            decode = decoders.decoder_for('cdr', schema)
-            if decode is None:
-                raise RecordingError(f'{self.path}: {topic} is not CDR with a ros2msg schema')
             with _readable(self.path):
-                decoded = decode(message.data)
+                decoded = decoders.decoder_for('cdr', schema)(message.data)
             yield _record(topic, schema, message), decoded
 
     def series(self, topic, extractor, *, clock='log'):
@@ -223,7 +221,8 @@ def _readable(path):
     """Turn what the MCAP and compression libraries raise on damaged bytes into one line."""
     try:
         yield
-    except (McapError, CRCValidationError, zstandard.ZstdError, *MALFORMED) as error:
+    except (McapError, CRCValidationError, zstandard.ZstdError, InvalidSpecification, InvalidValue,
+            *MALFORMED) as error:
         problem = one_line(error) or type(error).__name__
         raise RecordingError(f'{path}: damaged ({problem}); {_mend(path)}') from None
 

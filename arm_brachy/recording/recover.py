@@ -168,8 +168,9 @@ def _require_header(stream, path):
     frame = stream.read(FRAME.size)
     if len(frame) < FRAME.size or frame[0] != Opcode.HEADER:
         raise RecordingError(f'{path}: ends before its header; nothing can be recovered')
-    body = stream.read(FRAME.unpack(frame)[1])
-    if len(body) < FRAME.unpack(frame)[1]:
+    length = FRAME.unpack(frame)[1]
+    body = stream.read(min(length, path.stat().st_size))
+    if len(body) < length:
         raise RecordingError(f'{path}: ends before its header; nothing can be recovered')
     with guarded(path, RecordingError, 'a readable MCAP file', 'nothing can be recovered'):
         profile = Header.read(ReadDataStream(BytesIO(body))).profile
