@@ -3,8 +3,8 @@
     python test/benchmark/reader_fuzz.py --seed 1 --mutants 2000 --out results/reader-fuzz.json
 
 Each mutant is a sound file with one to three small damages (bytes, slices, numbers, lines), drawn
-by seed, kind and number. It is read in a forked process, so that nothing is left to the next;
-where there is a second reader, that reads it in another one and what both read is compared. Of
+by seed, kind and number. Mutants are read in forked processes, 50 in each; where there is a second
+reader, that reads them in others, and what both read is compared. Of
 those not alike, `as_sound` are ours of the sound file, `told` go with a note, and
 `differs` is what must not be.
 A kind of file is one entry of KINDS.
@@ -48,7 +48,8 @@ from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.mesh import load_mesh
 from arm_brachy.tissue.surface import read_surface
 
-LONGEST_S, LARGEST_MB = 10.0, 1000.0
+LONGEST_S, LARGEST_MB = 10.0, 1000.0   # processor time, resident
+BATCH = 50                            # mutants a process reads
 LIMIT_MB = 4000                      # of the second readers' address space: one of them is greedy
 HEAD_SHARE, HEAD = 0.5, 1500         # so many damages fall into the first bytes, where counts are
 WORDS = (b'-1', b'0', b'99999999999', b'1e308', b'nan', b'', b'x', b'4294967295', b'-0.5')
@@ -116,44 +117,66 @@ class Reading:
     peak_mb: float
 
 
-def read_apart(reader, path, limit_mb=None):
-    """The Reading of a file in a forked process."""
-    inside, outside = os.pipe()
-    start = time.monotonic()
-    child = os.fork()
-    if child == 0:
-        os.close(inside)
-        _in_child(reader, path, outside, limit_mb)
-    os.close(outside)
-    with os.fdopen(inside, 'rb') as stream:
-        said = stream.read()
-    _, status, usage = os.wait4(child, 0)
-    spent, peak = time.monotonic() - start, usage.ru_maxrss / 1024.0
-    if os.WIFSIGNALED(status):
-        number = os.WTERMSIG(status)
-        kind = 'hang' if number == signal.SIGALRM else 'crash'
-        return Reading(kind, signal.Signals(number).name, spent, peak)
-    return Reading(*(pickle.loads(said) if said else ('crash', 'nothing said')), spent, peak)
+def read_apart(reader, files, limit_mb=None):
+    """Yield the Reading of each file, in order, in forked processes of BATCH files each.
+
+    files : functions that write one and return its path. One that kills its process is a crash or
+    a hang, and the next file gets a new process.
+    """
+    at = 0
+    while at < len(files):
+        inside, outside = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(inside)
+            try:
+                _in_child(reader, files[at:at + BATCH], outside, limit_mb)
+            finally:
+                os._exit(1)
+        os.close(outside)
+        done = 0
+        with os.fdopen(inside, 'rb') as stream:
+            while (length := stream.read(8)):
+                done += 1
+                yield Reading(*pickle.loads(stream.read(int.from_bytes(length, 'little'))))
+        _, status, usage = os.wait4(child, 0)
+        at += done
+        if status:
+            killed = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
+            yield Reading('hang' if killed == signal.SIGALRM else 'crash', f'status {status}',
+                          LONGEST_S, usage.ru_maxrss / 1024.0)
+            at += 1
 
 
-def _in_child(reader, path, outside, limit_mb):
-    """Read and tell; never returns."""
+def _in_child(reader, files, outside, limit_mb):
+    """Read and tell, then leave the process."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.alarm(int(LONGEST_S))
     quiet = os.open(os.devnull, os.O_WRONLY)
     os.dup2(quiet, 1)
     os.dup2(quiet, 2)
     if limit_mb:
         resource.setrlimit(resource.RLIMIT_AS, (limit_mb * 2**20,) * 2)
-    try:
-        told = 'read', reader(path)
-    except InputError as error:
-        told = ('refused', str(error)) if '\n' not in str(error) else ('crash', repr(error))
-    except BaseException:  # noqa: BLE001  a traceback is what is looked for here
-        told = 'crash', traceback.format_exc()[-1500:]
     with os.fdopen(outside, 'wb') as stream:
-        stream.write(pickle.dumps(told))
+        for write in files:
+            path, start = write(), time.process_time()
+            signal.alarm(int(10 * LONGEST_S))      # of a loaded machine
+            told = _told(reader, path)
+            signal.alarm(0)
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+            data = pickle.dumps((*told, time.process_time() - start, peak))
+            stream.write(len(data).to_bytes(8, 'little') + data)
+            stream.flush()
     os._exit(0)
+
+
+def _told(reader, path):
+    """(status, value) of a reading."""
+    try:
+        return 'read', reader(path)
+    except InputError as error:
+        return ('refused', str(error)) if '\n' not in str(error) else ('crash', repr(error))
+    except BaseException:  # noqa: BLE001  a traceback is what is looked for here
+        return 'crash', traceback.format_exc()[-1500:]
 
 
 def same(ours, theirs):
@@ -173,12 +196,6 @@ def same(ours, theirs):
     return ours == theirs
 
 
-def _sound(kind, data, folder):
-    path = folder / f'sound{kind.suffix}'
-    path.write_bytes(data)
-    return read_apart(kind.ours, path).value
-
-
 def _judged(ours, sound):
     """Of values that the second reader has otherwise: whose fault, or told by a note."""
     if same(ours, sound):
@@ -188,37 +205,42 @@ def _judged(ours, sound):
 
 def fuzz(name, kind, seed, mutants, folder, keep=None):
     """The row of one kind, and what went wrong: (number, what) each."""
-    seeds = kind.seeds(folder)
-    sound = [_sound(kind, data, folder) for data in seeds]
-    counts, wrong, slowest, largest, compared = Counter(), [], 0.0, 0.0, 0
-    start = time.monotonic()
-    for k in range(mutants):
-        rng = np.random.default_rng([seed, *name.encode(), k])
-        path = folder / f'mutant{kind.suffix}'
-        path.write_bytes(damaged(seeds[k % len(seeds)], rng))
-        ours = read_apart(kind.ours, path)
-        counts[ours.status] += 1
-        slowest, largest = max(slowest, ours.seconds), max(largest, ours.peak_mb)
-        bad = None
-        if ours.status in ('crash', 'hang'):
-            bad = f'{ours.status}: {ours.value}'
-        elif ours.seconds > LONGEST_S or ours.peak_mb > LARGEST_MB:
-            bad = f'{ours.seconds:.1f} s, {ours.peak_mb:.0f} MB'
-        elif ours.status == 'read' and kind.theirs is not None:
-            theirs = read_apart(kind.theirs, path, LIMIT_MB)
-            compared += theirs.status == 'read'
-            if theirs.status == 'read' and not same(ours.value, theirs.value):
-                how = _judged(ours.value, sound[k % len(seeds)])
-                counts[how] += 1
-                bad = 'differs from the second reader' if how == 'differs' else None
+    seeds, start = kind.seeds(folder), time.monotonic()
+
+    def writer(k):
+        def write():
+            rng = np.random.default_rng([seed, *name.encode(), k])
+            path = folder / f'mutant{kind.suffix}'
+            path.write_bytes(damaged(seeds[k % len(seeds)], rng) if k >= 0 else seeds[-1 - k])
+            return path
+        return write
+
+    ours = list(read_apart(kind.ours, [writer(k) for k in range(mutants)]))
+    sound = [one.value for one in read_apart(kind.ours, [writer(-1 - k)
+                                                         for k in range(len(seeds))])]
+    again = [k for k, one in enumerate(ours) if one.status == 'read' and kind.theirs is not None]
+    theirs = dict(zip(again, read_apart(kind.theirs, [writer(k) for k in again], LIMIT_MB),
+                      strict=True))
+    counts, wrong = Counter(one.status for one in ours), []
+    for k, one in enumerate(ours):
+        other = theirs.get(k)
+        bad = f'{one.status}: {one.value}' if one.status in ('crash', 'hang') else None
+        if one.seconds > LONGEST_S or one.peak_mb > LARGEST_MB:
+            bad = f'{one.seconds:.1f} s, {one.peak_mb:.0f} MB'
+        if other is not None and other.status == 'read' and not same(one.value, other.value):
+            how = _judged(one.value, sound[k % len(seeds)])
+            counts[how] += 1
+            bad = 'differs from the second reader' if how == 'differs' else bad
         if bad:
             wrong.append((k, bad))
             if keep is not None:
-                (keep / f'{name}-{k}{kind.suffix}').write_bytes(path.read_bytes())
+                (keep / f'{name}-{k}{kind.suffix}').write_bytes(writer(k)().read_bytes())
     row = {'kind': name, 'mutants': mutants, **{key: counts[key] for key in (
-        'read', 'refused', 'crash', 'hang', 'differs', 'told',
-        'as_sound')}, 'compared': compared,
-        'slowest_s': round(slowest, 2), 'largest_mb': round(largest),
+        'read', 'refused', 'crash', 'hang', 'differs', 'told', 'as_sound')},
+        'compared': sum(one.status == 'read' for one in theirs.values()),
+        'second_reader_dies': sum(one.status in ('crash', 'hang') for one in theirs.values()),
+        'slowest_cpu_s': round(max(one.seconds for one in ours), 2),
+        'largest_mb': round(max(one.peak_mb for one in ours)),
         'took_s': round(time.monotonic() - start)}
     return row, wrong
 
