@@ -209,14 +209,16 @@ def fuzz(name, kind, seed, mutants, folder, keep=None):
 
     def writer(k):
         def write():
-            rng = np.random.default_rng([seed, *name.encode(), k])
-            path = folder / f'mutant{kind.suffix}'
-            path.write_bytes(damaged(seeds[k % len(seeds)], rng) if k >= 0 else seeds[-1 - k])
+            path, data = folder / f'mutant{kind.suffix}', seeds[k % len(seeds)]
+            if k < mutants:
+                data = damaged(data, np.random.default_rng([seed, *name.encode(), k]))
+            path.write_bytes(data)
             return path
         return write
 
     ours = list(read_apart(kind.ours, [writer(k) for k in range(mutants)]))
-    sound = [one.value for one in read_apart(kind.ours, [writer(-1 - k)
+    whole = -(-mutants // len(seeds)) * len(seeds)     # from there on, files without damage
+    sound = [one.value for one in read_apart(kind.ours, [writer(whole + k)
                                                          for k in range(len(seeds))])]
     again = [k for k, one in enumerate(ours) if one.status == 'read' and kind.theirs is not None]
     theirs = dict(zip(again, read_apart(kind.theirs, [writer(k) for k in again], LIMIT_MB),
