@@ -25,6 +25,8 @@ from arm_brachy.core.paths import config_dir
 
 PR_SET_PDEATHSIG = 1       # linux/prctl.h
 DOMAINS = range(10, 100)   # ROS_DOMAIN_ID; up to 101 is safe on Linux whatever the port range
+# For a tick where an estimator takes part: it computes modes or a gain before it connects.
+ESTIMATOR_PATIENCE_S = 600.0
 PATIENCE_S = 10.0          # for a process to end after SIGINT
 RECORDER_PATIENCE_S = 60.0  # a long bag writes its index at the end
 # Found here, once: between fork and exec nothing may be loaded that another thread might hold.
@@ -69,7 +71,8 @@ def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0, watch=False):
     names = [n.name for n in graph.NODES if n.name in wanted
              and (cell.scenario.pace == 'lockstep' or n is not graph.CELL_CLOCK)]
     common = {'scenario': str(scenario_path), 'peers': names}
-    extra = {'cell_clock': {'speed_limit': float(speed_limit)}, 'recorder': {'output': str(bag)}}
+    extra = {'cell_clock': {'speed_limit': float(speed_limit), **_patience(names)},
+             'recorder': {'output': str(bag)}}
     return [NodeProcess(n, {**common, **extra.get(n, {})}) for n in names]
 
 
@@ -82,9 +85,15 @@ def replay_processes(cell, scenario_path, recording, live, bag):
     absent = sorted(set(graph.cell_of(cell.scenario, cell.scene.pads)) - wanted)
     common = {'scenario': str(scenario_path), 'pace': 'lockstep',
               'peers': sorted(wanted | set(absent)), 'absent': absent}
-    return [NodeProcess('replayer', {**common, 'bag': str(recording)}),
+    return [NodeProcess('replayer', {**common, 'bag': str(recording), **_patience(live)}),
             *(NodeProcess(n, common) for n in live),
             NodeProcess(graph.RECORDER.name, {**common, 'output': str(bag)})]
+
+
+def _patience(names):
+    """Parameters of whoever waits for the ticks of nodes `names`."""
+    slow = {n.name for n in graph.ESTIMATOR_NODES} & set(names)
+    return {'patience_s': ESTIMATOR_PATIENCE_S} if slow else {}
 
 
 class Launcher:

@@ -19,8 +19,8 @@ TALKATIVE = ('/rosout', '/parameter_events', '/diagnostics')
 # Keys of a scenario that say nothing of the plant. What is not listed goes: a key added to the
 # schema later stays concealed until somebody decides otherwise. The seed would let one regenerate.
 SCENARIO_KEYS = ('pace', 'tick_ms', 'settle_s', 'mesh_rate_Hz', 'model', 'actuator_driver',
-                 'actuators', 'em', 'em_tools', 'optical', 'force', 'control', 'limits', 'tasks',
-                 'moves')
+                 'actuators', 'em', 'em_tools', 'optical', 'force', 'control', 'feedback',
+                 'estimators', 'estimation', 'limits', 'tasks', 'moves')
 PLANT_KEYS = ('plant', 'truth')       # dropped at any depth
 PROSE_KEYS = ('description', 'source')
 PUBLIC_MESHES = ('mesh_scene', 'mesh_model')  # stems of attached files; mesh_plant is the secret
