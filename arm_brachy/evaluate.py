@@ -10,6 +10,7 @@ from arm_brachy import graph
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.paths import share_dir
 from arm_brachy.diagnosis.one_axis import measured_axes, reading_axis
+from arm_brachy.estimation.registration import RegistrationFailed, register
 from arm_brachy.evaluation import regimes
 from arm_brachy.evaluation.assess import assess, estimates_to_result, to_result
 from arm_brachy.evaluation.report import write_report
@@ -17,11 +18,12 @@ from arm_brachy.evaluation.residual_report import to_result as residual_result
 from arm_brachy.evaluation.residual_report import write_residual_report
 from arm_brachy.evaluation.residuals import noise_floor
 from arm_brachy.evaluation.result import commit_of, machine_description
-from arm_brachy.evaluation.timeseries import ResidualData
+from arm_brachy.evaluation.timeseries import ResidualData, Series
 from arm_brachy.offline import load_run, recorded_cell, recorded_prediction, with_cell
 from arm_brachy.recording.rigid import fit_rigid
 
 MM = 1e3
+AT_FIRST = 1.0   # s, over which an EM sensor's place is averaged to register it
 
 
 def evaluate_bag(bag, folder, *, command=''):
@@ -36,7 +38,7 @@ def evaluate_bag(bag, folder, *, command=''):
     folder = Path(folder)
     with tempfile.TemporaryDirectory() as scratch:
         cell = recorded_cell(bag, scratch)
-        run = replace(with_cell(load_run(bag), cell), command=command)
+        run = with_em_registered(replace(with_cell(load_run(bag), cell), command=command))
         predicted = recorded_prediction(bag)
     results, pages = {}, []
     if predicted is None or _operated(run):
@@ -54,6 +56,38 @@ def evaluate_bag(bag, folder, *, command=''):
     for name, result in results.items():
         result.to_json(folder / f'{name}.json')
     return list(results.values()), pages
+
+
+def with_em_registered(run):
+    """RunData with EM sensors brought to the estimates' frame, where there is no truth.
+
+    Landmarks are the sensors over the first second in which they and the first estimator speak,
+    before pads move in a well-made recording: a rigid registration with three sensors that are not
+    on one line, else a shift by their mean. Without estimates, EM or such a second unchanged.
+    """
+    if run.truth or not run.em or not run.estimates:
+        return run
+    said = next(iter(run.estimates.values()))
+    tracked = {tool: samples.tracked() for tool, samples in run.em.items() if tool in said}
+    first = max([series.t[0] for series in (*tracked.values(), *said.values()) if len(series.t)],
+                default=np.nan)
+    places = {}
+    for tool, series in tracked.items():
+        pair = series.between(first, first + AT_FIRST), said[tool].between(first, first + AT_FIRST)
+        if all(len(one.t) for one in pair):
+            places[tool] = pair[0].values.mean(axis=0), pair[1].points.mean(axis=0)
+    if not places:
+        return run
+    p_M, p_W = (np.array(side) for side in zip(*places.values(), strict=True))
+    try:
+        move = register(tuple(places), p_M, p_W, np.ones(len(places))).apply
+    except RegistrationFailed:
+        shift = (p_W - p_M).mean(axis=0)
+
+        def move(points):
+            return points + shift
+    return replace(run, em_registered={tool: Series(series.t, move(series.values))
+                                       for tool, series in tracked.items() if tool in places})
 
 
 def _operated(run):

@@ -8,11 +8,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from arm_brachy import evaluate
 from arm_brachy.core.random import stream
 from arm_brachy.core.scene import Marker, Material, MeshFile, Region, Scene, Target
 from arm_brachy.evaluate import comparisons
 from arm_brachy.evaluation import residual_report
-from arm_brachy.evaluation.timeseries import EmSamples, OpticalFrames, PadMark, RunData, Series
+from arm_brachy.evaluation.estimates import estimate_metrics
+from arm_brachy.evaluation.timeseries import (
+    EmSamples,
+    OpticalFrames,
+    PadMark,
+    RunData,
+    Series,
+    TargetEstimates,
+)
 from arm_brachy.offline import Prediction
 
 T = np.arange(0.0, 8.0, 0.01)
@@ -166,3 +175,31 @@ def test_streams_the_model_knows_nothing_of_are_left_out():
     bare = Prediction(T, ('other',), predicted.points[:, :1], (), np.zeros((len(T), 0, 3)))
     assert comparisons(taken(predicted), cell(), bare) == {}
     assert comparisons(taken(predicted), cell(), None) == {}
+
+
+def em_recording(tools, turn=0.2):
+    """A run without truth: estimates exact, EM the same in a frame that is turned and moved."""
+    t = np.arange(0.0, 5.0, 0.1)
+    rest = np.array([[0, 0, 27], [15, 7, 27], [-9, 15, 27], [-14, -10, 30]]) * 1e-3
+    R = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    said, em = {}, {}
+    for i in range(tools):
+        points = rest[i] + np.outer(np.maximum(t - 2.0, 0.0), [2e-3, 0.5e-3, 0.0])
+        said[f't{i}'] = TargetEstimates(t, points, np.tile(1e-8 * np.eye(3), (len(t), 1, 1)))
+        em[f't{i}'] = EmSamples(t, points @ R + [0.1, 0.2, -0.3], np.zeros(len(t)),
+                                np.zeros(len(t), dtype=int))
+    return RunData('em', '', 0, '', '', em=em, estimates={'map': said})
+
+
+@pytest.mark.parametrize(('tools', 'turn'), [(4, 0.2), (1, 0.0)])
+def test_without_truth_estimates_are_compared_with_em_sensors_registered_to_them(tools, turn):
+    run = evaluate.with_em_registered(em_recording(tools, turn))
+    assert run.reference_name == 'EM sensor' and len(run.reference) == tools
+    for one in estimate_metrics(run):
+        assert one.largest < 1e-9 and one.coverage == 1.0
+
+
+def test_two_sensors_register_by_a_shift_alone_and_the_turn_stays_as_error():
+    worst = max(one.largest for one in estimate_metrics(evaluate.with_em_registered(
+        em_recording(2))))
+    assert 1e-3 < worst < 5e-3

@@ -16,17 +16,17 @@ _LINE = float(norm.ppf(0.5 + LEVEL / 2.0))      # half width of the band of one 
 
 @styled
 def estimate(run, name, target):
-    """Estimate, 95 % region and truth of one target; for who asks whether to believe it.
+    """Estimate, 95 % region and reference of one target; for who asks whether to believe it.
 
-    run : timeseries.RunData with truth of the target;  name : of the estimator
+    run : timeseries.RunData with a reference of the target;  name : of the estimator
     """
-    said, truth = run.estimates[name][target], run.truth[target]
+    said, truth = run.estimates[name][target], run.reference[target]
     figure = new_figure(9.5, 6.4)
     grid = figure.add_gridspec(4, 2, width_ratios=(1.55, 1.0))
     axes = [figure.add_subplot(grid[row, 0]) for row in range(4)]
     start = truth.values[0]
     for k in range(3):
-        _coordinate(axes[k], said, truth, k, start[k])
+        _coordinate(axes[k], said, truth, k, start[k], run.reference_name)
     _error(axes[3], said, truth)
     for axis in axes[:3]:
         axis.sharex(axes[3])
@@ -45,19 +45,19 @@ def estimate(run, name, target):
     share = 100.0 * held(error, said.covariance).mean()
     return Plate(f'estimate_{name}_{target}', figure, (
         f'{name}_estimator on {target}, which it never measures. Displacement from where the '
-        'target was at first: estimate (line) with the 95 % band of each coordinate, truth '
-        f'(dark). Below: distance of estimate from truth; crosses where the 95 % ellipsoid does '
-        f'not hold the truth ({100.0 - share:.1f} % of estimates). Right: the same in the plane '
-        f'of the pads, true to scale, with the 95 % ellipses at {SHOWN} times. Vertical lines: a '
-        'goal was set. A gap: the estimate was withheld.'))
+        'target was at first: estimate (line) with the 95 % band of each coordinate, '
+        f'{run.reference_name} (dark). Below: distance between the two; crosses where the 95 % '
+        f'ellipsoid does not hold the {run.reference_name} ({100.0 - share:.1f} % of estimates). '
+        'Right: the same in the plane of the pads, true to scale, with the 95 % ellipses at '
+        f'{SHOWN} times. Vertical lines: a goal was set. A gap: the estimate was withheld.'))
 
 
-def _coordinate(axis, said, truth, k, start):
+def _coordinate(axis, said, truth, k, start, label):
     t, mid, sd = _with_gaps(said, k)
     half = _LINE * sd
     axis.fill_between(t, (mid - half - start) * MM, (mid + half - start) * MM, color=OURS,
                       alpha=0.2, lw=0, label='95 %')
-    axis.plot(truth.t, (truth.values[:, k] - start) * MM, color=TRUTH, label='truth')
+    axis.plot(truth.t, (truth.values[:, k] - start) * MM, color=TRUTH, label=label)
     axis.plot(t, (mid - start) * MM, color=OURS, lw=1.1, label='estimate')
     axis.set_ylabel(f'{AXIS_NAMES[k]} / mm')
 

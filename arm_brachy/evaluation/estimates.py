@@ -1,4 +1,4 @@
-"""Estimates of targets beside the truth: errors, and how often the 95 % ellipsoid holds it."""
+"""Estimates of targets beside truth or EM sensor: errors, and how often the ellipsoid holds it."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ _OVERDUE = 1.5
 
 @dataclass(frozen=True)
 class EstimateMetrics:
-    """One estimator and target over a run. SI; errors are distances from the truth.
+    """One estimator and target over a run. SI; errors are distances from the reference.
 
     count : estimates;  share : of the time, from the first estimate on, with one that is due
     mean, rms, p95, largest : [m];  offset : (3,) [m] mean error vector
@@ -38,10 +38,13 @@ class EstimateMetrics:
 
 
 def estimate_metrics(run):
-    """EstimateMetrics of every estimator and target of a RunData whose truth is known, a tuple."""
-    return tuple(_metrics(name, target, said, run.truth[target])
+    """EstimateMetrics of every estimator and target of a RunData that has a reference, a tuple.
+
+    Beside an EM sensor errors contain the sensor's noise and what its registration leaves.
+    """
+    return tuple(_metrics(name, target, said, run.reference[target])
                  for name, targets in run.estimates.items()
-                 for target, said in targets.items() if target in run.truth and len(said.t))
+                 for target, said in targets.items() if target in run.reference and len(said.t))
 
 
 def estimate_rows(numbers):

@@ -55,7 +55,7 @@ def write_report(run, numbers, out_html):
         'report.html.j2', out_html, title=f'{run.name}: report', kind='arm_brachy run report',
         heading=run.name, verdict=_verdict(run, numbers), facts=_facts(numbers),
         tasks=_task_grid(numbers), moves=_move_grid(run, numbers),
-        estimates=_estimate_grid(numbers), plates=pictures(plates(run, numbers)),
+        estimates=_estimate_grid(run, numbers), plates=pictures(plates(run, numbers)),
         goals=_goal_grid(numbers.targets), topics=_topic_grid(run, numbers),
         outcomes=_outcome_grid(run.outcomes), provenance=provenance(run), command=run.command,
         scenario=run.scenario)
@@ -84,7 +84,7 @@ def plates(run, numbers):
 
 def _shown_estimates(run, numbers):
     """(estimator, target) of the figures: the targets of the tasks, without tasks the first."""
-    asked = dict.fromkeys(task.target for task in run.tasks) or list(run.truth)[:1]
+    asked = dict.fromkeys(task.target for task in run.tasks) or list(run.reference)[:1]
     return [(n.estimator, n.target) for n in numbers.estimates if n.target in asked]
 
 
@@ -189,10 +189,10 @@ def _move_grid(run, numbers):
         for move, window in zip(numbers.moves, run.moves, strict=True)), note)
 
 
-def _estimate_grid(numbers):
-    note = ('Distance of estimate from truth at the same instant, over the whole run; of each '
-            'estimator and target. Available: share of the time since its first estimate that it '
-            'had one no older than half as much again as usual. Claimed sd: per axis, from the '
+def _estimate_grid(run, numbers):
+    note = (f'Distance of estimate from {run.reference_name} at the same instant, over the whole '
+            'run; of each estimator and target. Available: share of the time since its first '
+            'estimate that it had one no older than half as much again as usual. Claimed sd: per axis, from the '
             'covariance. Errors of one run go together in time: the last column of a single run '
             'may be far from 95 % without saying that the covariance is wrong.')
     return Grid(ESTIMATE_COLUMNS, tuple(

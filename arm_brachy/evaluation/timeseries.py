@@ -188,6 +188,8 @@ class RunData:
     em : target name -> EmSamples
     estimates : estimator name -> target name -> TargetEstimates
     feedback : what the controller heard the target from: 'em' or an estimator
+    em_registered : target name -> Series of (n, 3) [m], EM positions brought to the estimates'
+        frame, what these are compared with where there is no truth
     encoder, command_position : Series of (n, p) [m], pushes from rest along the pads' directions
     pad_displacement : Series of (n, p) [m], the true pads' (differs from the encoder by play)
     encoder_pads : names of the pads of these three; empty = not known
@@ -215,6 +217,7 @@ class RunData:
     em: dict = field(default_factory=dict)
     estimates: dict = field(default_factory=dict)
     feedback: str = 'em'
+    em_registered: dict = field(default_factory=dict)
     encoder: Series | None = None
     command_position: Series | None = None
     pad_displacement: Series | None = None
@@ -228,6 +231,16 @@ class RunData:
     topics: tuple = ()
     outcomes: tuple = ()
     wall_time: float | None = None
+
+    @property
+    def reference(self):
+        """Target name -> Series that estimates are compared with: truth, else registered EM."""
+        return self.truth or self.em_registered
+
+    @property
+    def reference_name(self):
+        """What the reference is, in words."""
+        return 'truth' if self.truth else 'EM sensor'
 
     def span(self):
         """First and last stamp [s] over all topics; (nan, nan) if nothing was recorded."""

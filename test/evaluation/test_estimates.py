@@ -61,7 +61,7 @@ def test_without_truth_nothing_is_said(run, rng):
 
 
 def test_the_report_shows_estimate_ellipse_and_truth(run, rng, tmp_path):
-    heard = dataclasses.replace(run, em={}, feedback='pod',
+    heard = dataclasses.replace(run, em={}, feedback='pod', tissue=None, force=None, topics=(),
                                 estimates={'pod': {'target 1': said(run, rng, skip=[(9, 12)])}})
     numbers = assess.assess(heard)
     assert numbers.goals.steady_state_error == 0.5e-3
