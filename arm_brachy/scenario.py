@@ -26,6 +26,7 @@ from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
 from arm_brachy.estimation.live import EstimationParams
+from arm_brachy.estimation.pod import PodParams
 
 ROS_NAME = re.compile('[A-Za-z][A-Za-z0-9_]*')  # a token of a topic name
 PADS_BY_NUMBER = ('actuators', 'pad', 'carrier')  # parameters of terms that also take names
@@ -109,6 +110,7 @@ class Scenario:
     feedback: Literal['em', 'kf_admm', 'graph_vae', 'map', 'pod'] = 'em'
     estimators: tuple[Literal['kf_admm', 'graph_vae', 'map', 'pod'], ...] = ()
     estimation: EstimationParams = field(default_factory=EstimationParams)
+    pod: PodParams = field(default_factory=PodParams)
     limits: Limits = field(default_factory=Limits)
     tasks: tuple[Task, ...] = ()
     moves: tuple[Move, ...] = ()
