@@ -193,8 +193,8 @@ def _estimate_grid(run, numbers):
     note = (f'Distance of estimate from {run.reference_name} at the same instant, over the whole '
             'run; of each estimator and target. Available: share of the time since its first '
             'estimate that it had one no older than half as much again as usual. Claimed sd: per '
-            'axis, from the covariance. Errors of one run go together in time: the last column of a single run '
-            'may be far from 95 % without saying that the covariance is wrong.')
+            'axis, from the covariance. Errors of one run go together in time: the last column of '
+            'a single run may be far from 95 % without saying that the covariance is wrong.')
     return Grid(ESTIMATE_COLUMNS, tuple(
         (Cell(n.estimator), Cell(n.target), Cell(str(n.count)), Cell(number(n.share * 100, 1)),
          Cell(number(n.mean * MM, 3)), Cell(number(n.p95 * MM, 3)),
