@@ -151,7 +151,7 @@ def _shared_legend(figure, axes):
             entries.setdefault(label, handle)
     if entries:
         legend = figure.legend(entries.values(), entries.keys(), loc='outside upper center',
-                               ncols=min(len(entries), 8))
+                               ncols=min(len(entries), round(figure.get_figwidth() / 1.4)))
         for handle in legend.legend_handles:
             if hasattr(handle, 'set_markersize'):
                 handle.set_markersize(7)
