@@ -20,7 +20,7 @@ from arm_brachy.core import config
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.place import Place, names_of, refuse_twice
 from arm_brachy.core.quantity import quantity
-from arm_brachy.core.scene import MeshFile, Scene, load_scene
+from arm_brachy.core.scene import TISSUE, MeshFile, Scene, load_scene
 from arm_brachy.devices.actuator_driver import ActuatorParams
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
@@ -261,6 +261,7 @@ def _check_scenario(scenario, scene, place):
         raise ConfigError(f"{place('tick_ms')} = {scenario.tick * 1e3:.12g}; must be a whole "
                           'number of nanoseconds')
     _check_strokes(scenario.actuators.stroke, scene, place)
+    _check_estimators(scenario, scene, place)
     if scenario.tasks and scenario.moves:
         raise ConfigError(f"{place('moves')} = {len(scenario.moves)} beside tasks = "
                           f'{len(scenario.tasks)}; must be one or the other: tasks close the '
@@ -271,6 +272,18 @@ def _check_scenario(scenario, scene, place):
         raise ConfigError(f"{place('limits', 'pad_force_N')} = {limit:g}; must be below the "
                           f'{most:g} N of force.range_N: a saturated sensor reads no more, and '
                           'the supervisor would never stop')
+
+
+def _check_estimators(scenario, scene, place):
+    if scenario.feedback == 'em' and not scenario.estimators:
+        return
+    key, value = ('estimators', list(scenario.estimators)) if scenario.feedback == 'em' else (
+        'feedback', scenario.feedback)
+    seen, needed = sum(m.body == TISSUE for m in scene.markers), scenario.estimation.fewest
+    if seen < needed or not scene.targets:
+        raise ConfigError(f'{place(key)} = {value!r}; needs a target and {needed:g} markers on '
+                          f'tissue in scene {scene.name}, which has {len(scene.targets)} and '
+                          f'{seen}')
 
 
 def _check_strokes(longest, scene, place):

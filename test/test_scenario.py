@@ -186,6 +186,10 @@ WRONG_SCENARIOS = [
     (move(cycles=1.5), r'moves\.0\.cycles = 1\.5; must be a whole number'),
     (move(others='back'), r"moves\.0\.others = 'back'; must be 'stay' or 'home'"),
     ({'pace': 'fast'}, "pace = 'fast'; must be 'lockstep' or 'wall'"),
+    ({'feedback': 'eyes'}, "feedback = 'eyes'; must be 'em', 'kf_admm', 'graph_vae', 'map' or"),
+    ({'feedback': 'pod', 'estimation': {'fewest': 20}},
+     r":4: feedback = 'pod'; needs a target and 20 markers on tissue in scene breast, .* 5 and 19"),
+    ({'estimators': ['map'], 'estimation': {'fewest': 20}}, r":4: estimators = \['map'\]; needs"),
 ]
 
 

@@ -15,12 +15,12 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 @pytest.fixture(scope='module')
 def scenario(short_scenario, tmp_path_factory):
-    """The short scenario on estimates of the POD, which is built and solved fastest."""
+    """The short scenario on estimates of a POD with few modes, which is built soonest."""
     config = short_scenario.parents[2] / 'config'
     text = short_scenario.read_text().replace('../../config', str(config))
     path = tmp_path_factory.mktemp('scenario') / 'markers.yaml'
     path.write_text(text.replace('name: short', 'name: markers').replace(
-        'duration_s: 5', 'duration_s: 3') + 'feedback: pod\n')
+        'duration_s: 5', 'duration_s: 3') + 'feedback: pod\npod: {modes: 8, pushes: 4}\n')
     return path
 
 
