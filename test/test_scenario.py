@@ -188,7 +188,7 @@ WRONG_SCENARIOS = [
     ({'pace': 'fast'}, "pace = 'fast'; must be 'lockstep' or 'wall'"),
     ({'feedback': 'eyes'}, "feedback = 'eyes'; must be 'em', 'kf_admm', 'graph_vae', 'map' or"),
     ({'feedback': 'pod', 'estimation': {'fewest': 20}},
-     r":4: feedback = 'pod'; needs a target and 20 markers on tissue in scene breast, .* 5 and 19"),
+     r":4: feedback = 'pod'; needs a target and 20 markers on tissue in scene breast, .*5 and 19"),
     ({'estimators': ['map'], 'estimation': {'fewest': 20}}, r":4: estimators = \['map'\]; needs"),
 ]
 
