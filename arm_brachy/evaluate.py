@@ -18,8 +18,11 @@ from arm_brachy.evaluation.residual_report import to_result as residual_result
 from arm_brachy.evaluation.residual_report import write_residual_report
 from arm_brachy.evaluation.residuals import noise_floor
 from arm_brachy.evaluation.result import commit_of, machine_description
+from arm_brachy.evaluation.stream_figures import shown_streams
+from arm_brachy.evaluation.stream_report import write_stream_report
 from arm_brachy.evaluation.timeseries import ResidualData, Series
 from arm_brachy.offline import load_run, recorded_cell, recorded_prediction, with_cell
+from arm_brachy.recording.reader import BagReader
 from arm_brachy.recording.rigid import fit_rigid
 
 MM = 1e3
@@ -31,11 +34,14 @@ def evaluate_bag(bag, folder, *, command=''):
 
     bag : path;  folder : receives report.html where there were tasks, and where a model ran
         report_optical.html, report_em.html, report_force.html; beside each page its numbers
-        as JSON, those of estimators in report_estimates.json
+        as JSON, those of estimators in report_estimates.json; of a recording without a scenario,
+        such as an import, report_streams.html, what it holds
     Returns (results, pages): evaluation.result.Result each, paths of the pages.
     Raises RecordingError if there is nothing to evaluate.
     """
     folder = Path(folder)
+    if not _has_scenario(bag):
+        return _streams_of(bag, folder, command)
     with tempfile.TemporaryDirectory() as scratch:
         cell = recorded_cell(bag, scratch)
         run = with_em_registered(replace(with_cell(load_run(bag), cell), command=command))
@@ -88,6 +94,22 @@ def with_em_registered(run):
             return points + shift
     return replace(run, em_registered={tool: Series(series.t, move(series.values))
                                        for tool, series in tracked.items() if tool in places})
+
+
+def _has_scenario(bag):
+    with BagReader(bag) as reader:
+        return 'scenario.yaml' in reader.attachments()
+
+
+def _streams_of(bag, folder, command):
+    """Results and pages of a recording that nobody said anything of."""
+    run = replace(load_run(bag), command=command)
+    if not shown_streams(run):
+        raise RecordingError(f'{bag}: holds no encoders, markers, EM tools or forces, and no '
+                             'scenario; must be a recording of the cell or of an import')
+    result, page = write_stream_report(run, folder / 'report_streams.html')
+    result.to_json(folder / 'report_streams.json')
+    return [result], [page]
 
 
 def _operated(run):

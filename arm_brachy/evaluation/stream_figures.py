@@ -16,14 +16,19 @@ LONG = 1.5                  # median periods of a step over which nothing was re
 FIRST = 20                  # samples whose median is where a point was first seen
 
 
+def shown_streams(run):
+    """(title, label of the values, t (n,), names, values (n, k)) of every stream of a RunData."""
+    return [panel for panel in (_encoder(run), _optical(run), _em(run), _force(run))
+            if panel is not None]
+
+
 @styled
 def streams_plate(run):
     """Plate of an evaluation.timeseries.RunData: a panel for each stream that it holds, or None.
 
     Under every panel a row of marks, one line for a channel, shows when it was not measured.
     """
-    panels = [panel for panel in (_encoder(run), _optical(run), _em(run), _force(run))
-              if panel is not None]
+    panels = shown_streams(run)
     if not panels:
         return None
     figure = new_figure(WIDTH, HEIGHT * len(panels) + 0.5)

@@ -162,4 +162,6 @@ class ColumnMap:
     em: tuple[Tools, ...] = ()
     start: float = quantity(0.0, 's', 'added to every time of the recording; where one is still '
                             'negative, all are shifted by whole seconds, which is told')
+    folder: str = word('what the paths of the files are relative to, itself relative to the '
+                       'folder of the map; --folder is used in its place', default='')
     source: str = word('where it comes from, kept in the bag', default='')

@@ -48,21 +48,25 @@ def import_map(column_map, map_file, out_dir, *, folder=None, name=None, attachm
         the bag, None = that of the file
     """
     streams, absent, read = LabStreams(), [], 0
+    home = map_file.parent / column_map.folder
     for kind in KINDS:
         for i, options in enumerate(getattr(column_map, kind)):
             where = f'{map_file}: {kind}[{i}]'
             _check(where, kind, options)
-            path = file_of(options.csv.path, map_file.parent, folder)
-            if options.csv.optional and not path.exists():
+            path = file_of(options.csv.path, home, folder)
+            if not path.exists() and options.csv.optional:
                 absent.append(options.csv.path)
                 continue
+            if not path.exists():
+                raise RecordingError(f'{path}: no such file, which {where} names; if it was '
+                                     'moved, name its folder with --folder')
             table = read_table(path, options.csv)
             streams.notes += table.notes
             _BUILDERS[kind](streams, options, table, _shifted(table, column_map.start))
             read += 1
     if not read:
         raise ConfigError(f'{map_file}: names no file that is there; give encoders, forces, '
-                          f'optical or em{_absent_in(folder or map_file.parent, absent)}')
+                          f'optical or em{_absent_in(folder or home, absent)}')
     info = {'name': name or column_map.name, 'source': column_map.source, 'map': map_file.name}
     text = map_file.read_text(encoding='utf-8') if text is None else text
     bag, counts = streams.write(out_dir, info, {'columns.yaml': text, **(attachments or {})})

@@ -6,6 +6,7 @@ not visible, a tool without a pose, a wrench or actuator left out.
 Test: recording/test_import_csv.py
 """
 
+import functools
 import heapq
 from dataclasses import dataclass, field
 
@@ -17,13 +18,14 @@ from arm_brachy.recording.sampling import sampling
 from arm_brachy.recording.writer import BagWriter
 
 SECOND = 10**9
+_encoder = functools.cache(encode.Encoder)    # reads message definitions, which do not change
 
 
 @dataclass
 class LabStreams:
     """What will be written. report : topic -> sampling;  notes : sentences for whoever imports"""
 
-    encoder: encode.Encoder = field(default_factory=encode.Encoder)
+    encoder: encode.Encoder = field(default_factory=_encoder)
     parts: list = field(default_factory=list)
     report: dict = field(default_factory=dict)
     notes: list = field(default_factory=list)

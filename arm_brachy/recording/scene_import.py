@@ -5,6 +5,7 @@ counterpart here are listed in the report, not dropped in silence.
 """
 
 import dataclasses
+import math
 import os
 import typing
 from dataclasses import dataclass, field
@@ -145,7 +146,8 @@ def import_scene(path, out_dir, *, name=None):
     The mesh and the CSV files stay where they are and are referred to by relative path.
     Returns a dict: scene, maps (recording -> path), unused (their keys that have no counterpart,
     files of streams that they do not describe), absent (markers, tools and pads without a column
-    in the file of their stream, which the maps leave out).
+    in the file of their stream, which the maps leave out), shift_s (where a recording begins
+    before time zero, by how much all begin later).
     Raises ConfigError with file and line.
     """
     path, out_dir = Path(path), Path(out_dir)
@@ -158,9 +160,10 @@ def import_scene(path, out_dir, *, name=None):
     scene_file = out_dir / f'{name}.yaml'
     _write(scene_file, _scene(theirs, base, name))
     maps, absent = {}, []
+    shift = _shift(theirs.recordings)
     for recording in theirs.recordings:
         maps[recording.name] = str(out_dir / f'{name}_{recording.name}.columns.yaml')
-        columns = _columns(theirs, path, base, name, recording)
+        columns = _columns(theirs, path, base, name, recording, shift)
         unused += _left_out(columns, path.parent / recording.folder, recording)
         columns, missing = _present(columns, path.parent / recording.folder)
         absent += [f'{recording.folder}/{one}' for one in missing]
@@ -168,7 +171,13 @@ def import_scene(path, out_dir, *, name=None):
     scenario_file = out_dir / f'{name}.scenario.yaml'
     _dump(scenario_file, _scenario(theirs, name, scene_file.name))
     return {'scene': str(scene_file), 'scenario': str(scenario_file), 'maps': maps,
-            'unused': unused, 'absent': absent}
+            'unused': unused, 'absent': absent,
+            **({'shift_s': shift} if shift else {})}
+
+
+def _shift(recordings):
+    """[s] by which all recordings are shifted alike, so that none begins before zero."""
+    return max(0.0, *(float(math.ceil(-one.lab_time_start_s)) for one in recordings), 0.0)
 
 
 def _scenario(theirs, name, scene_file):
@@ -196,12 +205,11 @@ def _scene(theirs, base, name):
     )
 
 
-def _columns(theirs, path, base, name, recording):
-    folder = base / recording.folder
+def _columns(theirs, path, base, name, recording, shift):
     pads = {pad.name: str(i) for i, pad in enumerate(theirs.pads)}
 
     def file(stem, optional=True):
-        return CsvFile(str(folder / f'{stem}.csv.gz'), time='t_s', optional=optional)
+        return CsvFile(f'{recording.folder}/{stem}.csv.gz', time='t_s', optional=optional)
 
     forces = optical = em = ()
     if theirs.sensors.forces is not None:
@@ -211,7 +219,7 @@ def _columns(theirs, path, base, name, recording):
     if theirs.em_targets:
         em = (Tools(file('em'), '{key}_{axis}_m', names=_names(theirs.em_targets)),)
     return ColumnMap(
-        name=f'{name}_{recording.name}', start=recording.lab_time_start_s,
+        name=f'{name}_{recording.name}', start=recording.lab_time_start_s + shift, folder=str(base),
         encoders=(Encoders(file('encoders', optional=False), 'q{key}_m', names=pads),),
         forces=forces, optical=optical, em=em)
 

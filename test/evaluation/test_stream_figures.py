@@ -3,6 +3,7 @@
 import numpy as np
 
 from arm_brachy.evaluation.stream_figures import streams_plate
+from arm_brachy.evaluation.stream_report import write_stream_report
 from arm_brachy.evaluation.timeseries import EmSamples, OpticalFrames, RunData, Series
 
 
@@ -43,3 +44,11 @@ def test_every_stream_has_a_panel_that_tells_its_gaps(tmp_path):
 
 def test_a_recording_without_streams_has_no_picture():
     assert streams_plate(RunData('a', '', 0, '', '')) is None
+
+
+def test_the_page_has_a_row_for_every_stream(tmp_path):
+    result, page = write_stream_report(a_run(), tmp_path / 'page.html')
+    assert [(row['stream'], row['missing_values'], row['of']) for row in result.rows] == [
+        ('Encoders', 0, 'travel in mm'), ('Optical markers', 20, 'moved in mm'),
+        ('EM tools', 20, 'moved in mm'), ('Forces', 0, 'size in N')]
+    assert 'data:image/svg+xml' in page.read_text()

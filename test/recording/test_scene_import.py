@@ -2,14 +2,16 @@
 
 import gzip
 from io import StringIO
+from pathlib import Path
 
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.errors import ConfigError, RecordingError
 from arm_brachy.core.scene import load_scene
 from arm_brachy.recording.import_csv import import_csv
+from arm_brachy.recording.reader import BagReader
 from arm_brachy.recording.scene_import import import_scene
 
 THEIRS = {
@@ -139,3 +141,44 @@ def test_dome_rig(recordings, tmp_path):
     assert np.linalg.norm(near - scene.pads[0].centre) < scene.pads[0].radius
     messages = import_csv(report['maps']['C'], tmp_path / 'bag')['messages']
     assert messages['/optical/markers'] == 2338
+
+
+def sound_files(folder):
+    folder.mkdir(parents=True)
+    for kind, header in {'encoders': 't_s,q0_m', 'optical': 't_s,' + ','.join(
+            f'{m}_{a}_m' for m in 'mb' for a in 'xyz')}.items():
+        width = header.count(',')
+        with gzip.open(folder / f'{kind}.csv.gz', 'wt') as stream:
+            stream.write('\n'.join([header, *(f'{0.01 * i:.2f}' + ',0.1' * width
+                                              for i in range(5))]) + '\n')
+
+
+def test_recordings_that_begin_before_zero_are_shifted_alike(rig, tmp_path):
+    def two(theirs):
+        theirs['recordings'] = [{'name': 'A', 'folder': 'rec/A', 'lab_time_start_s': 20.0},
+                                {'name': 'null', 'folder': 'rec/null', 'lab_time_start_s': -75.0}]
+    sound_files(tmp_path / 'lab/rec/A')
+    sound_files(tmp_path / 'lab/rec/null')
+    report = import_scene(rig(two), tmp_path / 'out')
+    assert report['shift_s'] == 75.0
+    spans = []
+    for name, file in report['maps'].items():
+        import_csv(file, tmp_path / f'bag_{name}')
+        with BagReader(tmp_path / f'bag_{name}') as bag:
+            spans.append(bag.span_ns[0] * 1e-9)
+    assert spans == [95.0, 0.0]
+
+
+def test_maps_work_from_another_place_with_a_folder(rig, tmp_path):
+    """Named may be that of the rig, or that of the recording itself."""
+    sound_files(tmp_path / 'lab/rec/A')
+    column_map, = import_scene(rig(), tmp_path / 'out')['maps'].values()
+    (tmp_path / 'elsewhere/deep').mkdir(parents=True)
+    moved = tmp_path / 'elsewhere/deep/map.yaml'
+    moved.write_text(Path(column_map).read_text())
+    for i, folder in enumerate((tmp_path / 'lab', tmp_path / 'lab/rec/A')):
+        for j, file in enumerate((moved, column_map)):
+            found = import_csv(file, tmp_path / f'bag{i}{j}', folder=folder)
+            assert set(found['streams']) == {'/actuators/state', '/optical/markers'}
+    with pytest.raises(RecordingError, match='no such file, which .* names; if it was moved'):
+        import_csv(moved, tmp_path / 'none')
