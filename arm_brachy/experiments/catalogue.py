@@ -12,6 +12,7 @@ from arm_brachy.experiments import (
     element_accuracy,
     estimate_feedback,
     figure_3_2,
+    import_fuzz,
     model_verification,
     node_errors,
     panda_torques,
@@ -28,4 +29,5 @@ EXPERIMENTS = {module.NAME: module.reproduce
                for module in (table_3_1, figure_3_2, model_verification, silicone_beam, dome_rig,
                              element_accuracy, reduced_model, diagnosis_study, diagnosis_time,
                              diagnosis_laboratories, dome_faults, gel_block, half_cylinder,
-                             node_errors, panda_torques, table_4_1, estimate_feedback)}
+                             node_errors, panda_torques, table_4_1, estimate_feedback,
+                             import_fuzz)}
