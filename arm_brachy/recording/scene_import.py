@@ -219,7 +219,8 @@ def _columns(theirs, path, base, name, recording, shift):
     if theirs.em_targets:
         em = (Tools(file('em'), '{key}_{axis}_m', names=_names(theirs.em_targets)),)
     return ColumnMap(
-        name=f'{name}_{recording.name}', start=recording.lab_time_start_s + shift, folder=str(base),
+        name=f'{name}_{recording.name}', folder=str(base),
+        start=recording.lab_time_start_s + shift,
         encoders=(Encoders(file('encoders', optional=False), 'q{key}_m', names=pads),),
         forces=forces, optical=optical, em=em)
 
