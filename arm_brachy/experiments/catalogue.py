@@ -5,6 +5,7 @@ Each module has a NAME, as on the command line, and `reproduce(folder)`, which t
 """
 
 from arm_brachy.experiments import (
+    appendix_a,
     diagnosis_laboratories,
     diagnosis_study,
     diagnosis_time,
@@ -30,4 +31,4 @@ EXPERIMENTS = {module.NAME: module.reproduce
                              element_accuracy, reduced_model, diagnosis_study, diagnosis_time,
                              diagnosis_laboratories, dome_faults, gel_block, half_cylinder,
                              node_errors, panda_torques, table_4_1, estimate_feedback,
-                             import_fuzz)}
+                             import_fuzz, appendix_a)}
