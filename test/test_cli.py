@@ -418,3 +418,11 @@ def test_a_path_is_printed_whole(bag, tmp_path):
 def test_keys_lists_what_a_file_may_hold(file, key, allowed):
     lines = run('keys', file).stdout.splitlines()
     assert any(line.split()[:1] == [key] and allowed in line for line in lines)
+
+
+def test_rows_with_other_keys_get_a_table_of_their_own(capsys):
+    output.show_table(result([{'x': 1, 'y': 2}, {'x': 3, 'y': 4}, {'name': 'a', 'z': 5},
+                              {'name': 'b', 'z': 6}]))
+    shown = capsys.readouterr().out
+    assert shown.count('trial') == 2
+    assert not re.search(r'[│┃]\s+-\s+[│┃]', shown)

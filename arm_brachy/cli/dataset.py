@@ -37,8 +37,9 @@ from arm_brachy.prove.workers import Workers
 def dataset(scene, states, seed, jobs, cluster, out, json_file):
     """Solve for states of a SCENE's body, to train networks on.
 
-    Each walk presses one or two contacts 5 to 30 mm into the tissue in equal steps; every step is a state. The same
-    bytes for the same scene and seed, whoever works; may be ended and begun again at any time.
+    Each walk presses one or two contacts 5 to 30 mm into the tissue in equal steps; every step is
+    a state. The same bytes for the same scene and seed, whoever works; may be ended and begun
+    again at any time.
 
     \b
     Example:

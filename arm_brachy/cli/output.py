@@ -129,18 +129,23 @@ def show(result, json_file=None):
 def show_table(result):
     """Print rows and targets of a Result as tables that fit the terminal.
 
-    The rows become columns where that is narrower; what is still too wide is cut into blocks that
-    repeat the leading columns of text.
+    Rows with other keys get a table of their own. The rows become columns where that is narrower;
+    what is still too wide is cut into blocks that repeat the leading columns of text.
     """
-    columns = _columns(result.rows)
-    rows = result.rows if len(columns) <= len(result.rows) + 1 else _turned(result.rows, columns)
-    *blocks, last = _blocks(rows)
+    tables = [tuple(rows) for _, rows in itertools.groupby(result.rows, key=tuple)]
+    blocks = [block for rows in tables for block in _blocks(_narrower(rows))]
+    *blocks, last = blocks or [()]
     for block in blocks:
         table = Table(*block[0], title=result.name, title_justify='left')
         for row in block:
             table.add_row(*(escape(cell_text(value)) for value in row.values()))
         console.print(table)
     replace(result, rows=last).table(console)
+
+
+def _narrower(rows):
+    columns = _columns(rows)
+    return rows if len(columns) <= len(rows) + 1 else _turned(rows, columns)
 
 
 def _columns(rows):
