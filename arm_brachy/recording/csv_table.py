@@ -85,9 +85,12 @@ def read_table(path, options):
     length, a row without a time, and for unsorted or duplicate rows unless the options admit them.
     """
     lines = text_lines(path, options.encoding)
-    layout, options = _with_layout(lines, options)
+    given, (layout, options) = options, _with_layout(lines, options)
     header, first = _header(str(path), lines, options, layout)
     numbers, rows, notes = _rows(str(path), lines, options, header, first)
+    if options != given:
+        notes.insert(0, f'{path}: an export of {layout.kind}, by which its header was read; '
+                        f'--preset {layout.preset} prints all keys for it.')
     table = Table(str(path), header, rows, np.array(numbers), options, layout=layout,
                   notes=tuple(notes))
     table, t_ns = _timed(table)
