@@ -90,7 +90,9 @@ class LiveEstimator:
         """Return a LiveStep if a period has passed by t [s], else None."""
         if self._due is not None and t < self._due - 1e-6:
             return None
-        self._due = (t if self._due is None else self._due) + self.params.period
+        # one that takes longer than its period works on without a backlog
+        self._due = t + self.params.period if self._due is None else max(
+            self._due + self.params.period, t)
         self._started = t if self._started is None else self._started
         frame, self._frame = self._frame, None
         if frame is None or (self._pads and not self._encoder):
