@@ -17,7 +17,7 @@ from arm_brachy.evaluation.report import write_report
 from arm_brachy.evaluation.residual_report import to_result as residual_result
 from arm_brachy.evaluation.residual_report import write_residual_report
 from arm_brachy.evaluation.residuals import noise_floor
-from arm_brachy.evaluation.result import commit_of, machine_description
+from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.evaluation.stream_figures import shown_streams
 from arm_brachy.evaluation.stream_report import write_stream_report
 from arm_brachy.evaluation.timeseries import ResidualData, Series
@@ -56,6 +56,8 @@ def evaluate_bag(bag, folder, *, command=''):
     for stream, data in comparisons(run, cell, predicted).items():
         results[f'report_{stream}'] = residual_result(data)
         pages.append(write_residual_report(data, folder / f'report_{stream}.html'))
+    if run.departures:
+        results['report_departures'] = _departures(run)
     if not results:
         raise RecordingError(f'{bag}: neither tasks nor a model to compare with; replay it first: '
                              f'arm-brachy replay {bag} --scenario FILE')
@@ -112,6 +114,13 @@ def _streams_of(bag, folder, command):
     return [result], [page]
 
 
+def _departures(run):
+    """The Result of what the mismatch monitor found, one row each, in order of time."""
+    rows = tuple({'found_s': t, 'departure': said} for t, said in run.departures)
+    return Result(f'{run.name}: departures from the model, by mismatch_monitor', run.seed,
+                  commit_of(share_dir()), str(machine_description()), rows)
+
+
 def _operated(run):
     """True where someone set goals or tried to: the replay of an import has no operator."""
     return any(record.topic.lstrip('/') == graph.TASK.name for record in run.topics)
@@ -142,7 +151,9 @@ def comparisons(run, cell, predicted):
     if predicted is None:
         return {}
     streams = {'optical': _optical(run), 'em': _em(run), 'force': _force(run)}
-    return {name: data for name, stream in streams.items() if stream is not None
+    return {name: replace(data, departures=tuple(
+                one for one in run.departures if one[1].startswith(f'{name} ')))
+            for name, stream in streams.items() if stream is not None
             for data in [_paired(run, cell, predicted, stream)] if data is not None}
 
 

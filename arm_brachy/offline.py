@@ -10,6 +10,7 @@ from arm_brachy import cell as cells
 from arm_brachy import graph
 from arm_brachy.control.move_events import Event, Status
 from arm_brachy.core.errors import CommandRefused, ConfigError, RecordingError
+from arm_brachy.core.outcome import Outcome
 from arm_brachy.evaluation.moves import move_windows
 from arm_brachy.evaluation.timeseries import (
     EmSamples,
@@ -37,6 +38,7 @@ class _Tally:
         self.series = defaultdict(lambda: ([], []))
         self.stamps, self.published = defaultdict(list), Counter()
         self.tasks, self.outcomes, self.last_outcome = [], Counter(), {}
+        self.departures = []
         self.topology = None
         self.pads = self.points = self.actuators = ()
         self.ids = ()
@@ -150,6 +152,8 @@ def _on_outcome(tally, topic, t, msg):
     key = (msg.source, msg.outcome)
     tally.outcomes[key] += 1
     tally.last_outcome[key] = msg.advice
+    if msg.source == graph.MISMATCH_MONITOR.name and msg.outcome == Outcome.DEPARTED.name:
+        tally.departures.append((t, msg.advice))
 
 
 def _on_done(tally, topic, t, msg):
@@ -232,7 +236,8 @@ def load_run(bag, *, measured=False):
         encoder=tally.get('encoder'), command_position=tally.get('command'),
         pad_displacement=tally.get('pads'), encoder_pads=tally.actuators, force=force,
         force_pads=force_pads, optical=_optical(tally),
-        tissue=_tissue(tally), topics=_topics(tally, kinds), outcomes=_outcomes(tally))
+        tissue=_tissue(tally), topics=_topics(tally, kinds), outcomes=_outcomes(tally),
+        departures=tuple(tally.departures))
 
 
 def _windows(tally):

@@ -380,6 +380,17 @@ def test_a_table_too_wide_for_the_terminal_is_cut_into_blocks(capsys, monkeypatc
     assert re.findall(r'1\d\d\d', ' '.join(shown)) == [str(1300 + k) for k in range(11)]
 
 
+def test_sentences_are_wrapped_beside_their_row_on_80_columns(capsys, monkeypatch):
+    """A sentence that is wider than the terminal was cut off from the number it belongs to."""
+    monkeypatch.setattr(output, 'console', Console(width=80, soft_wrap=True))
+    said = 'optical tissue_12 is off its prediction by 0.12 mm along x since 12.34 s, and on'
+    output.show_table(result([{'found_s': 1.25 + i, 'departure': said} for i in range(3)]))
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    first = next(line for line in lines if '1.25' in line)
+    assert 'optical tissue_12' in first and sum('found_s' in line for line in lines) == 1
+
+
 def test_rows_of_one_name_stay_apart_when_turned(capsys):
     output.show_table(result([{'task': 'a', 'x': 1, 'y': 2, 'z': 3},
                               {'task': 'a', 'x': 4, 'y': 5, 'z': 6}]))

@@ -80,6 +80,18 @@ def test_perfect_model_leaves_the_noise_in_every_stream():
         assert floor == pytest.approx(np.sqrt(3) * expected, rel=0.2)
 
 
+def test_departures_go_to_the_report_of_their_stream(tmp_path):
+    predicted = prediction(PUSH)
+    found = ((3.2, 'optical a is off its prediction by 0.2 mm along z since 3.00 s'),
+             (4.0, 'force press is off its prediction by 0.5 N along its push since 3.50 s'))
+    data = comparisons(replace(taken(predicted), departures=found), cell(), predicted)
+    assert [data[name].departures for name in ('optical', 'em', 'force')] == [
+        found[:1], (), found[1:]]
+    page = residual_report.write_residual_report(data['force'], tmp_path / 'page.html').read_text()
+    assert 'Departures found while it ran' in page and 'along its push since 3.50 s' in page
+    assert 'optical a is off' not in page
+
+
 def test_registration_takes_out_a_rigid_motion_and_no_more():
     predicted = prediction(PUSH)
     X = Rotation.from_rotvec(np.radians(0.3) * np.array([0, 0.6, 0.8])), [2e-4, -1e-4, 3e-4]

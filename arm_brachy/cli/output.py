@@ -21,6 +21,7 @@ from arm_brachy.evaluation.result import Result, cell_text, commit_of, machine_d
 # A file or a pipe has no width; a table in it is never cut.
 PIPE_WIDTH = 1000
 QUICK = 5.0  # s
+PROSE = 32  # characters from which the text of a cell may be wrapped
 BORDER = 3  # a rule and two spaces beside every cell of a table
 
 console = Console(soft_wrap=True, width=None if sys.stdout.isatty() else PIPE_WIDTH)
@@ -155,7 +156,7 @@ def _columns(rows):
 def _blocks(rows):
     """The rows cut between columns, so that each block is at most as wide as the console."""
     columns = _columns(rows)
-    width = {c: BORDER + max([len(c), *(len(cell_text(row.get(c))) for row in rows)])
+    width = {c: BORDER + _least_width(c, [cell_text(row.get(c)) for row in rows])
              for c in columns}
     keys = list(itertools.takewhile(
         lambda c: all(isinstance(row.get(c), str) for row in rows), columns[:-1]))
@@ -168,6 +169,13 @@ def _blocks(rows):
         blocks[-1].append(column)
         used += width[column]
     return [tuple({c: row.get(c) for c in (*keys, *block)} for row in rows) for block in blocks]
+
+
+def _least_width(column, texts):
+    """Characters that a column takes: as wide as its widest text, but sentences are wrapped."""
+    widest = max(map(len, texts), default=0)
+    word = max((len(word) for text in texts for word in text.split()), default=0)
+    return max(len(column), word, min(widest, PROSE))
 
 
 def _turned(rows, columns):

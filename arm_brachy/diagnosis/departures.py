@@ -22,9 +22,12 @@ from scipy.optimize import brentq
 from arm_brachy.core.quantity import quantity
 from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.noise import data_sheet_sd
+from arm_brachy.diagnosis.one_axis import IN_LINE, measured_axes, reading_axis
 
 DRIFT = 0.5         # k: half of the shift [sd of an innovation] that is found soonest
 OVERSHOOT = 1.166   # of a random walk beyond its threshold, above and below
+ALONG = 3           # axis of a force sensor that has no other
+AXES = ('x', 'y', 'z', 'its push')
 SPIKE = 8.0         # sd that one sample stands out by from both its neighbours to be none
 MOST = 2.0          # thresholds that a sum may reach, lest an alarm outlives its cause
 
@@ -51,27 +54,31 @@ class Watched:
     """A stream that is compared.
 
     names : c channels;  sd : (c, 3) of the noise, SI;  period : [s];  colour : Colour
+    pushes : (c, 3) unit vectors, of forces: where a sensor has but one axis, it is compared along
+        its push alone (`one_axis.reading_axis`); None = every axis is measured
     """
 
     names: tuple
     sd: np.ndarray
     period: float
     colour: Colour = Colour()
+    pushes: np.ndarray | None = None
 
 
-def watched(kind, names, params):
+def watched(kind, names, params, pushes=None):
     """The Watched of a stream by the data sheet of its device.
 
     kind : stream.OPTICAL, EM or FORCE;  names : c channels;  params : devices.*Params
+    pushes : as of Watched
     """
     colour = Colour(1.0, params.noise_correlation) if params.noise_correlation else Colour()
     sd = np.full((len(names), 3), data_sheet_sd(kind, params))
-    return Watched(tuple(names), sd, 1.0 / params.rate, colour)
+    return Watched(tuple(names), sd, 1.0 / params.rate, colour, pushes)
 
 
 @dataclass(frozen=True)
 class Alarm:
-    """A departure from the prediction. axis : 0 to 2
+    """A departure from the prediction. axis : 0 to 2, or ALONG the push of the pad
 
     t : [s] when it was raised;  onset : [s] since when;  size : [m or N] mean since then
     """
@@ -86,7 +93,7 @@ class Alarm:
     def __str__(self):
         unit, scale = ('N', 1.0) if self.stream == 'force' else ('mm', 1e3)
         return (f'{self.stream} {self.channel} is off its prediction by {scale * self.size:.2g} '
-                f'{unit} along {"xyz"[self.axis]} since {self.onset:.2f} s')
+                f'{unit} along {AXES[self.axis]} since {self.onset:.2f} s')
 
 
 def threshold(alarms, drift=DRIFT):
@@ -129,7 +136,7 @@ class Channels:
         self._threshold = threshold(per_hour / hourly)
         self._white, self._allowed = (_White(watched.colour, watched.period, size)
                                       for size in (shape, (3, *shape)))
-        self._zero, self._home, self._before = [], [], deque(maxlen=3)
+        self._zero, self._home, self._before, self._single = [], None, deque(maxlen=3), {}
         self._offset = self._shift = None
         self._sums, self._onset = np.zeros((2, *shape)), np.full((2, *shape), np.nan)
         self._total, self._count = np.zeros((2, *shape)), np.zeros((2, *shape))
@@ -137,22 +144,55 @@ class Channels:
 
     def take(self, t, values, expected):
         """The Alarms that a sample (c, 3) newly raises, given its prediction; a list."""
-        self._before.append((t, values - expected, expected))
         if self._offset is None:
-            self._collect(t, values - expected, expected)
+            self._collect(t, values, expected)
             return []
+        left, expected = self._as_read(values, expected)
+        self._before.append((t, left, expected))
         if len(self._before) < 3:
             return []
         (_, old, was), (t, left, there), (_, new, _) = self._before
         left = np.where(_spikes(old, left, new, SPIKE * self._watched.sd), np.nan, left)
         return self._add(t, left - self._offset, self._bias(there, was))
 
-    def _collect(self, t, left, expected):
-        self._zero.append((t, left))
-        self._home.append(expected)
+    def _as_read(self, values, expected):
+        """(measured less predicted, predicted) (c, 3), NaN and zero where nothing is measured.
+
+        Of a sensor of one axis the first of the three is that along the push, the others nothing.
+        """
+        if not self._single:
+            return values - expected, expected
+        left, there = values - expected, expected.copy()
+        values = measured_axes(values[None])[0]
+        for k, axis in self._single.items():
+            push = self._watched.pushes[k]
+            there[k] = expected[k] @ push, 0.0, 0.0
+            left[k] = values[k] @ axis - there[k, 0], np.nan, np.nan
+        return left, there
+
+    def _single_axes(self, values):
+        """Number of a channel -> (3,) its only axis, of values (n, c, 3) while it is zeroed.
+
+        A sensor in a frame of its own, of which rest does not tell the sign, reads nothing yet.
+        """
+        if self._watched.pushes is None:
+            return {}
+        found, read = {}, measured_axes(values)
+        for k, push in enumerate(self._watched.pushes):
+            axis = reading_axis(read[np.isfinite(read[:, k]).all(axis=1), k], push)
+            if axis is not None:
+                found[k] = push if axis @ push >= IN_LINE else np.full(3, np.nan)
+        return found
+
+    def _collect(self, t, values, expected):
+        self._zero.append((t, values, expected))
         if t - self._zero[0][0] < self._limits.zero:
             return
-        seen = np.array([one for _, one in self._zero])
+        self._single = self._single_axes(np.array([one for _, one, _ in self._zero]))
+        pairs = [self._as_read(one, there) for _, one, there in self._zero]
+        self._before.extend((when, *pair) for (when, *_), pair in zip(
+            self._zero, pairs, strict=True))
+        seen, self._home = (np.array(some) for some in zip(*pairs, strict=True))
         count = np.isfinite(seen).sum(axis=0)
         self._offset = np.where(count, np.nansum(seen, axis=0) / np.maximum(count, 1), np.nan)
         self._home = np.mean(self._home, axis=0)
@@ -190,8 +230,9 @@ class Channels:
         for key in map(tuple, np.argwhere((self._sums > self._threshold) & lasting)):
             if key not in self.active:
                 size = float(self._total[key] / max(self._count[key], 1.0))
-                self.active[key] = Alarm(self._stream, self._watched.names[key[1]], int(key[2]),
-                                         float(t), float(self._onset[key]), size)
+                axis = ALONG if key[1] in self._single else int(key[2])
+                self.active[key] = Alarm(self._stream, self._watched.names[key[1]], axis, float(t),
+                                          float(self._onset[key]), size)
                 raised.append(self.active[key])
         return raised
 

@@ -10,8 +10,8 @@ from arm_brachy.diagnosis.wording import listed, spoken
 
 NULL = ('Record the same protocol on a set-up in which nothing is wrong, and give it with --null: '
         'what both recordings show is then no fault.')
-HELD_OUT = ('Confirm it on a recording that was not fitted: record other pushes of the same '
-            'set-up, and give that recording with --hold-out.')
+HELD_OUT = ('Confirm it on a recording that was not fitted: record the same set-up once more, '
+            'moved in another way, and give that recording with --hold-out.')
 FINER = ('Solve on a finer mesh: what this one may be wrong by is larger than the noise. '
          '`arm-brachy mesh SURFACE MESH --scene SCENE` makes one.')
 AGAIN = {'quick': 'Run the whole diagnosis for a verdict: the same command without --quick.',

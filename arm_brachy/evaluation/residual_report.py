@@ -30,7 +30,7 @@ def write_residual_report(data, out_html):
         carrier=WORDS[data.kind].carrier, facts=_facts(data, r, floor, whole),
         markers=_marker_grid(data, whole, floor), regimes=_regime_grid(data, rows),
         vibration=vibration.grid(vibration.compare(data, floor)),
-        plates=pictures(plates(data, r, floor)),
+        plates=pictures(plates(data, r, floor)), departures=_departure_grid(data),
         provenance=provenance(data), command=data.command, scenario=data.scenario)
 
 
@@ -150,6 +150,13 @@ def _marker_note(data):
         note += (' Registration residual: what a rigid fit between laboratory and model frame '
                  'leaves at rest; geometry and markers are known no better than that.')
     return note + ' Nothing of this is subtracted from the residual.'
+
+
+def _departure_grid(data):
+    return Grid((Column('Found', 's'), Column('Departure from the model', numeric=False)), tuple(
+        (Cell(number(t)), Cell(said)) for t, said in data.departures), (
+        'By the mismatch monitor, which ran beside the model: cumulative sums of whitened '
+        'residuals per channel and axis. A sensor of one axis is compared along it alone.'))
 
 
 def _regime_grid(data, rows):

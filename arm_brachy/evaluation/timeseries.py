@@ -198,6 +198,7 @@ class RunData:
     optical : OpticalFrames;  tissue : Tissue;  pads : PadMark per actuator, same order as encoder
     markers : marker name -> rest position (3,) [m]
     topics : TopicRecord;  outcomes : NodeOutcome
+    departures : (t [s], sentence) each time that the mismatch monitor found one
     wall_time : [s] on the clock on the wall between the first and the last message; None = unknown
     recorded_at : date and time as text
     """
@@ -230,6 +231,7 @@ class RunData:
     markers: dict = field(default_factory=dict)
     topics: tuple = ()
     outcomes: tuple = ()
+    departures: tuple = ()
     wall_time: float | None = None
 
     @property
@@ -264,6 +266,7 @@ class ResidualData:
     tissue : Tissue predicted, for the picture of the body
     kind : 'position' as above, or 'force': k pads, measured and predicted [N], rest zero
     statement : one sentence, what was replayed against what
+    departures : (t [s], sentence) of this stream by the mismatch monitor, if it ran beside
     """
 
     name: str
@@ -284,3 +287,4 @@ class ResidualData:
     regimes: tuple = ()
     tissue: Tissue | None = None
     kind: Literal['position', 'force'] = 'position'
+    departures: tuple = ()

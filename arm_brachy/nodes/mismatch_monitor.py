@@ -15,14 +15,14 @@ from arm_brachy.nodes.ticker import Ticker
 
 
 def _streams(setup):
-    """(graph.Topic, kind, channels, device parameters) of everything that is compared."""
+    """(graph.Topic, kind, channels, device parameters, pushes) of everything that is compared."""
     scenario, pads = setup.scenario, tuple(pad.name for pad in setup.scene.pads)
     if setup.scene.markers:
-        yield graph.OPTICAL, OPTICAL, cell.marker_names(setup), scenario.optical
+        yield graph.OPTICAL, OPTICAL, cell.marker_names(setup), scenario.optical, None
     for tool in setup.em_tools:
-        yield graph.EM_POSE.at(tool=tool), EM, (tool,), scenario.em
-    for pad in pads:
-        yield graph.WRENCH.at(pad=pad), FORCE, (pad,), scenario.force
+        yield graph.EM_POSE.at(tool=tool), EM, (tool,), scenario.em, None
+    for pad, push in zip(pads, cell.pad_directions(setup.scene), strict=True):
+        yield graph.WRENCH.at(pad=pad), FORCE, (pad,), scenario.force, np.array([push])
 
 
 class MismatchMonitorNode(Node):
@@ -42,9 +42,9 @@ class MismatchMonitorNode(Node):
         setup = parameters.node_setup(self)
         limits = parameters.device_parameters(self, Limits())
         streams = tuple(_streams(setup.cell))
-        self._streams = {topic.name: (kind, names) for topic, kind, names, _ in streams}
-        self._monitor = Monitor({topic.name: watched(kind, names, params)
-                                 for topic, kind, names, params in streams}, limits)
+        self._streams = {topic.name: (kind, names) for topic, kind, names, *_ in streams}
+        self._monitor = Monitor({topic.name: watched(kind, names, params, pushes)
+                                 for topic, kind, names, params, pushes in streams}, limits)
         self._raised = 0
         ticker = Ticker(self, graph.MISMATCH_MONITOR, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
@@ -54,16 +54,19 @@ class MismatchMonitorNode(Node):
         ticker.start()
 
     def _work(self, tick, t_ns, inputs):
+        raised = []
         for msg in inputs[graph.MODEL_POINTS.name]:
-            self._raised += len(self._monitor.predict(
-                convert.nanoseconds(msg) * 1e-9, self._expected(msg)))
+            raised += self._monitor.predict(convert.nanoseconds(msg) * 1e-9, self._expected(msg))
         for topic, (kind, names) in self._streams.items():
             for msg in inputs[topic]:
-                self._raised += len(self._monitor.measure(
-                    topic, convert.nanoseconds(msg) * 1e-9, convert.sample(kind, names, msg)))
+                raised += self._monitor.measure(
+                    topic, convert.nanoseconds(msg) * 1e-9, convert.sample(kind, names, msg))
+        self._raised += len(raised)
         active = sorted(self._monitor.active, key=lambda alarm: alarm.onset)
-        self._health.note(t_ns, Outcome.DEPARTED if active else Outcome.OK,
-                          str(active[0]) if active else '')
+        for alarm in sorted(raised, key=lambda alarm: alarm.onset):
+            self._health.note(t_ns, Outcome.DEPARTED, str(alarm))
+        if not active:
+            self._health.note(t_ns, Outcome.OK)
         self._health.beat(t_ns, lambda: {'departures so far': self._raised} | {
             f'departure {i}': alarm for i, alarm in enumerate(active, start=1)})
 

@@ -151,3 +151,43 @@ def test_streams_by_topic_and_noise_by_data_sheet():
             found += monitor.measure(topic, t, params.noise * rng.normal(size=(1, 3)) + off)
     assert {(alarm.stream, alarm.channel) for alarm in found} == {('force', 'q')}
     assert {alarm.axis for alarm in found} == {0, 1, 2} and ' N along ' in str(found[0])
+
+
+def one_axis(values, sd=0.02):
+    """Alarms of a load cell that reads along its push alone, as a vector, where the model has
+    forces across it as well; values (n,) [N] along the push.
+    """
+    push = np.array([0.6, 0.8, 0.0])
+    model = np.interp(times(len(values)), [0.0, 4.0, 6.0, 60.0], [0.0, 0.0, 3.0, 3.0])
+    forces = np.outer(model, push) + np.outer(model, [-0.4, 0.3, 0.5])
+    stream = Watched(('pad',), np.full((1, 3), sd), PERIOD, Colour(), push[None])
+    monitor, found = Monitor({'force/pad/wrench': stream}), []
+    for k, (read, force) in enumerate(zip(values + model, forces, strict=True)):
+        found += monitor.predict(k * PERIOD, {'force/pad/wrench': force[None]})
+        found += monitor.measure('force/pad/wrench', k * PERIOD, (read * push)[None])
+    return found
+
+
+def test_a_sensor_of_one_axis_is_compared_along_it_alone():
+    """Across its push the model has 2 N that no sensor reads: no departure."""
+    noise = 0.02 * np.random.default_rng(5).normal(size=1500)
+    assert not one_axis(noise)
+    off = noise + 0.5 * (times(1500) > AT)
+    first = one_axis(off)[0]
+    assert AT < first.t < AT + 1.0 and first.size == pytest.approx(0.5, abs=0.1)
+    assert 'along its push since' in str(first)
+
+
+def test_a_sensor_of_three_axes_is_compared_along_all_of_them():
+    """The same stream whose readings across are noise: that the model has forces there is seen."""
+    rng = np.random.default_rng(6)
+    push = np.array([0.6, 0.8, 0.0])
+    stream = Watched(('pad',), np.full((1, 3), 0.02), PERIOD, Colour(), push[None])
+    monitor, found = Monitor({'force/pad/wrench': stream}), []
+    model = np.interp(times(1500), [0.0, 4.0, 6.0, 60.0], [0.0, 0.0, 3.0, 3.0])
+    for k, force in enumerate(model):
+        found += monitor.predict(k * PERIOD, {'force/pad/wrench': (
+            force * (push + [0.0, 0.0, 0.5]))[None]})
+        found += monitor.measure('force/pad/wrench', k * PERIOD, (
+            force * push + 0.02 * rng.normal(size=3))[None])
+    assert {alarm.axis for alarm in found} == {2}
