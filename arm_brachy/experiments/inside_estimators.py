@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from arm_brachy.estimation import open_loop, rigid
+from arm_brachy.estimation import kf_admm, open_loop, rigid
+from arm_brachy.estimation.kf_admm import KfAdmmParams
 
 
 @dataclass(frozen=True)
@@ -23,10 +24,13 @@ class Entry:
     thesis: dict = field(default_factory=dict)
 
 
+KF_ADMM = {19: 0.8, 10: 1.1}   # mm, thesis sec. 4.4.2
 OPEN_LOOP = Entry('open_loop', open_loop.build, noisy=False, thesis={19: 1.7, 10: 1.7})
 ESTIMATORS = (
     OPEN_LOOP,
     Entry('rigid', rigid.build),
+    Entry('kf_admm', kf_admm.build, thesis=KF_ADMM),
+    Entry('kf_admm_white', kf_admm.build, KfAdmmParams(process='white'), thesis=KF_ADMM),
 )
 
 

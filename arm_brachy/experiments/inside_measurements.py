@@ -10,9 +10,9 @@ from arm_brachy.devices.optical_tracker import OpticalParams, OpticalTracker
 from arm_brachy.estimation.estimate import Surface
 
 PERIOD = 0.1     # s between frames, the control period of the cell
-REST_FRAMES = 5  # before the first push
-# Of every push: one second. The thesis' estimator makes 200 iterations until it has converged.
-HOLD_FRAMES = 10
+REST_FRAMES = 3  # before the first push
+# Of every push: what an estimator knows at the end of them is scored.
+HOLD_FRAMES = 6
 TRACKER = OpticalParams(rate=1.0 / PERIOD, latency=0.0)
 
 

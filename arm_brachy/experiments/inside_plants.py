@@ -23,7 +23,7 @@ from arm_brachy.core.term import BodyTerm
 from arm_brachy.experiments.parallel import process_pool
 
 SCENE = 'breast.yaml'
-MODEL_MESH, PLANT_MESH = 'breast_600.msh', 'breast_plant.msh'
+MODEL_MESH, PLANT_MESH = 'breast_600.msh', 'breast_2331.msh'
 PLANT_E = 9e3   # Pa, half as much again as the model's: it moves nothing where pads are driven
 # name -> entry of a scenario's `terms`
 PLANTS = {
@@ -35,8 +35,8 @@ PLANTS = {
 }
 GROUPS = (('pad_1',), ('pad_2',), ('pad_1', 'pad_2'), ('pad_3', 'pad_4'))
 DEPTHS = (5e-3, 10e-3, 15e-3, 20e-3)   # m
-WALK = 1e-3     # m, longest step of the solver between two depths
-SHORTEST = WALK / 16   # m, step that is not halved any more where it fails
+WALK = 2.5e-3     # m, longest step of the solver between two depths
+SHORTEST = WALK / 32   # m, step that is not halved any more where it fails
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,15 @@ KF_BELOW_OPEN_LOOP = 52.0   # %, conclusion 3 of the thesis' chapter 4
 COVERAGE = (93.0, 97.0)     # %, of 95 % ellipsoids
 
 
-def reproduce(out_dir, names=None, program=None):
+def reproduce(out_dir, names=None, program=None, done=None):
     """Score every estimator; table-4.1.png receives the mean errors.
 
     out_dir : folder;  names : of estimators, all by default
-    program : keyword arguments of `inside_study.run`
+    program : keyword arguments of `inside_study.run`;  done : what it returned, if run already
     Returns Result: a row for each estimator and set of markers over all plants, then plant by
     plant, then experiment by experiment.
     """
-    done = inside_study.run(out_dir, names, **(program or {}))
+    done = done or inside_study.run(out_dir, names, **(program or {}))
     draw(done).savefig(Path(out_dir) / f'{NAME}.png', dpi=150)
     return Result(NAME, inside_study.SEED, commit_of(share_dir()), machine_description(),
                   (*summary_rows(done), *plant_rows(done), *experiment_rows(done)),
