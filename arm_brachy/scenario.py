@@ -25,6 +25,7 @@ from arm_brachy.devices.actuator_driver import ActuatorParams
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
+from arm_brachy.estimation.kf_admm import KfAdmmParams
 from arm_brachy.estimation.live import EstimationParams
 from arm_brachy.estimation.pod import PodParams
 
@@ -111,6 +112,7 @@ class Scenario:
     estimators: tuple[Literal['kf_admm', 'graph_vae', 'map', 'pod'], ...] = ()
     estimation: EstimationParams = field(default_factory=EstimationParams)
     pod: PodParams = field(default_factory=PodParams)
+    kf_admm: KfAdmmParams = field(default_factory=KfAdmmParams)
     limits: Limits = field(default_factory=Limits)
     tasks: tuple[Task, ...] = ()
     moves: tuple[Move, ...] = ()

@@ -6,6 +6,7 @@ prints a short table of some estimators while one is being worked on.
 """
 
 import argparse
+import functools
 import sys
 import time
 from concurrent.futures import as_completed
@@ -73,12 +74,9 @@ def score(name, count, plant, pushes, seeds):
     The estimator is built on the model's scene and stepped through Sessions; true targets are
     only compared with.
     """
-    entry = inside_estimators.entry(name)
-    model, real = inside_plants.model_scene(), inside_plants.plant_scene()
-    markers = inside_plants.tissue_markers(model)[MARKER_SETS[count]]
-    targets = inside_plants.target_names(model)
-    estimator = entry.build(model, (), targets, markers, entry.params)
-    drawn = seeds if entry.noisy else 1
+    estimator, markers = _built(name, count)
+    real, targets = inside_plants.plant_scene(), estimator.targets
+    drawn = seeds if inside_estimators.entry(name).noisy else 1
     parts, cpu = [], []
     for push in pushes:
         for k in range(drawn):
@@ -91,6 +89,15 @@ def score(name, count, plant, pushes, seeds):
     table = np.repeat(table, seeds // drawn, axis=1)
     depth = np.concatenate([push.q[1:].max(axis=1) for push in pushes])
     return Scores(depth, table[:, :, 0], table[:, :, 1], np.array(cpu))
+
+
+@functools.lru_cache(maxsize=1)
+def _built(name, count):
+    """An estimator and the names of its markers, built once for all plants in a row."""
+    entry, model = inside_estimators.entry(name), inside_plants.model_scene()
+    markers = inside_plants.tissue_markers(model)[MARKER_SETS[count]]
+    return entry.build(model, (), inside_plants.target_names(model), markers,
+                       entry.params), markers
 
 
 def _estimates(estimator, seen, cpu):

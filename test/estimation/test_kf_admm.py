@@ -76,7 +76,7 @@ def test_without_markers_the_iteration_ends_at_newtons_equilibrium(scene, elemen
     exact = StaticSolver(body).solve(body.mesh.nodes, pads).x
     admm.start(body.mesh.nodes)
     off = []
-    for count in (50, 150):
+    for count in (40, 100):
         for _ in range(count):
             admm.local_step()
             admm.predict(pads)
@@ -102,7 +102,7 @@ def test_steady_covariance_is_the_recursions(built):
         S, C, noise, R = kf_admm.filter_matrices(
             built._admm, built._C, replace(built.params, process=process))
         X = noise.copy()
-        for _ in range(150):
+        for _ in range(40):
             X = plain_step(X, S, C, noise, R)
         np.testing.assert_allclose(steady_covariance(S, C, noise, R), X,
                                    atol=1e-9 * np.abs(X).max())
