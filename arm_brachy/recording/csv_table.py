@@ -357,7 +357,11 @@ def _seconds(table):
                                  f'{stated:g} Hz, by which they are times.')
     raise RecordingError(f'{table.path}: column {options.time!r} counts frames, and no rate is '
                          'known; must be a time, or set `rate_Hz` in the map: the frames a '
-                         'second that the counter counts')
+                         f'second that the counter counts{_usual(layout)}')
+
+
+def _usual(layout):
+    return ' (of NDI 60 on Polaris, 40 on Aurora)' if layout and layout.preset == 'ndi' else ''
 
 
 def _frames(table):

@@ -163,12 +163,18 @@ def _tell_half_missing(streams, table, names, values):
                              'there.')
 
 
-def _by_state(table, options, names, values):
+def _by_state(streams, table, options, names, values):
     """values (n, k, 3) with NaN where the file says in words that nothing was measured."""
     if not options.state:
         return values
     keys = {name: options.names.get(name, name) for name in names}
-    said = np.isin(table.words(options.state, keys), options.measured)
+    words = table.words(options.state, keys)
+    said = np.isin(words, options.measured)
+    for k in np.flatnonzero(~said.all(axis=0)):
+        rows = np.flatnonzero(~said[:, k])
+        others = ', '.join(sorted(set(words[rows, k].tolist()))) or 'nothing'
+        streams.notes.append(f'{table.path}: {names[k]} says {others} in {len(rows)} rows, the '
+                             f'first in line {table.lines[rows[0]]}: not measured there.')
     return np.where(said[..., None], values, np.nan)
 
 
@@ -205,7 +211,7 @@ def _points(streams, options, table):
     """(names, positions (n, k, 3) [m]) of markers or tools."""
     _check_unit(table, options, LENGTH_UNITS)
     names, points = table.columns(options.columns, options.names, options.axes)
-    points = _by_state(table, options, names, points)
+    points = _by_state(streams, table, options, names, points)
     points = _measured(streams, table, names, points, options, points=True, what='positions')
     return names, points * LENGTH_UNITS[options.unit]
 
@@ -223,6 +229,7 @@ def _tools(streams, options, table, t_ns):
     turns = quality = None
     if options.quaternion:
         turns = table.columns(options.quaternion, keys, options.quaternion_axes)[1]
+        turns = np.where(np.isfinite(points).all(axis=2)[..., None], turns, np.nan)
         turns = _unit_turns(streams, table, names, turns)
     if options.quality:
         quality = table.columns(options.quality, keys)[1][:, :, 0]

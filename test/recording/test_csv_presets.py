@@ -171,6 +171,9 @@ def test_ndi(tmp_path, options):
     bag, found = imported('ndi', [ndi(tmp_path / 'track.csv', **options)], tmp_path, **rate)
     t, p = bag.series('/em/gel_1/pose', lambda m: [m.pose.position.x, m.pose.position.y,
                                                    m.pose.orientation.w], clock='stamp')
+    note = next(note for note in found['notes'] if 'says' in note)
+    assert 'gel_1 says Missing in 1 rows, the first in line 9' in note
+    assert not any('quaternion' in one for one in found['notes'])
     seen = np.arange(ROWS) != 7
     np.testing.assert_allclose(t, (T + (1778067471.25 if stamped else 10.0))[seen], atol=1e-6)
     np.testing.assert_allclose(p, np.column_stack([1e-3 * X, 2e-3 + 0 * X, 1 + 0 * X])[seen],
