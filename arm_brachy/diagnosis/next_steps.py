@@ -5,6 +5,7 @@ Test: diagnosis/test_next_steps.py
 
 from arm_brachy.core.term import Kind
 from arm_brachy.diagnosis import words
+from arm_brachy.diagnosis.decide import Rules
 from arm_brachy.diagnosis.statements import SEEN
 from arm_brachy.diagnosis.wording import listed, spoken
 
@@ -79,7 +80,7 @@ def _partial(d):
     if d.causes:
         names = listed([spoken(cause.term) for cause in d.causes])
         yield f'The signals alone show {names}: that can be calibrated or repaired already.'
-    if d.screen:
+    if d.screen and d.screen[0].evidence >= Rules().evidence:
         yield (f'Treat {spoken(d.screen[0].term)} as a candidate until then: no full fit has '
                'confirmed it.' if d.screen[0].full_fit is None else
                f'Treat {spoken(d.screen[0].term)} as a candidate until then: it has not been '

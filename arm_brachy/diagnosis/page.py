@@ -27,7 +27,7 @@ from arm_brachy.evaluation.page import (
 )
 
 MOODS = {'named': 'bad', 'nothing_missing': 'good', 'equivalent': 'open', 'unexplained': 'open',
-         'partial': 'open'}
+         'partial': ''}
 MOST_LINES = 6   # places or intervals in words; more do not make the page clearer
 EVERY = -1          # index of a pad that stands for all of them
 PARAMETERS = (Column('Parameter', numeric=False), Column('Meaning', numeric=False),
@@ -115,11 +115,16 @@ def write_diagnosis(d, shown, out_html):
 
 def _headline(d):
     """The verdict, and how large the misfit still is beside the noise."""
+    if d.verdict == 'partial':
+        return d.sentence.partition('. ')[0] + '.'
     return ' '.join(filter(None, (d.sentence, words.remaining(d))))
 
 
 def _detail(d):
     """Second sentence: how much of what was found, or what would decide it."""
+    if d.verdict == 'partial':
+        return _typeset(' '.join(filter(None, (d.sentence.partition('. ')[2],
+                                               words.remaining(d)))))
     if d.next_experiment is not None:
         return f'To decide it: {words.request(d.next_experiment)}'
     return _typeset(' '.join(f'{_capital(numbers)}.' for numbers in words.numbers(d)))

@@ -124,7 +124,8 @@ def _ranked(problem, hypotheses, gains):
 def _screened(candidate, tried, gain):
     explanation, = candidate.explanations
     return Screened(explanation.cause, explanation.variant, float(candidate.evidence),
-                    float(candidate.held_out), _size(candidate, *tried),
+                    float(candidate.held_out),
+                    _size(candidate, *tried) if candidate.evidence > 0.0 else '',
                     None if gain is None else float(candidate.evidence + gain.evidence))
 
 

@@ -14,7 +14,10 @@ ENVIRONMENT = jinja2.Environment(
 
 @dataclass(frozen=True)
 class Verdict:
-    """The line read first. mood : 'good', 'bad' or 'open' (cannot be judged, or no goal set)."""
+    """The line read first.
+
+    mood : 'good', 'bad', 'open' (cannot be judged, or no goal set) or '' (was not judged)
+    """
 
     mood: str
     line: str

@@ -53,6 +53,12 @@ def test_a_partial_answer_is_to_be_finished(answers, why, told):
     assert 'ranks backlash first (log evidence +40, ahead of gravity by 37)' in d.sentence
 
 
+def test_a_candidate_that_does_not_stand_out_is_not_recommended(answers):
+    d = replace(answers['nothing_missing'], verdict='partial', unfinished=Unfinished(
+        'quick', 12.0, ('signals',), ('fits',)), screen=(Screened('obstacle', '', 1.0, 0.0),))
+    assert len(what_next(d)) == 1
+
+
 def test_the_headline_names_the_misfit_that_is_left(answers):
     """Markers at 0.031 mm over a noise of 0.008 mm were headed 99.9 %."""
     d = replace(answers['named'], fit=(StreamFit('optical', 0.4e-3, 0.3e-3, 8e-6, 31e-6),
