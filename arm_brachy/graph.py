@@ -174,7 +174,7 @@ KF_ADMM_ESTIMATOR = _estimator(
 GRAPH_VAE_ESTIMATOR = _estimator(
     'graph_vae', 'the same by ensemble smoothing in the latent space of a graph network')
 MAP_ESTIMATOR = _estimator(
-    'map', 'the same by Gauss-Newton smoothing of loads and moduli of the reduced model')
+    'map', 'the same by Gauss-Newton on what the model may be wrong in, registration and offsets')
 POD_ESTIMATOR = _estimator(
     'pod', 'the same by a Gaussian prior over modes of deformation, in closed form')
 ESTIMATOR_NODES = (KF_ADMM_ESTIMATOR, GRAPH_VAE_ESTIMATOR, MAP_ESTIMATOR, POD_ESTIMATOR)

@@ -1,4 +1,4 @@
-"""ROS 2 node of the Gauss-Newton smoother on the reduced model: `tissue_estimator` with `map`."""
+"""ROS 2 node of the iterated MAP by Gauss-Newton: `tissue_estimator` with `map`."""
 
 from arm_brachy.nodes import tissue_estimator
 
