@@ -10,8 +10,14 @@ import numpy as np
 
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.scene import Scene
+from arm_brachy.diagnosis.finding import Calibration
+from arm_brachy.diagnosis.registration import register
+from arm_brachy.diagnosis.stream import OPTICAL, TISSUE
 from arm_brachy.tissue.terms.point_mass import PointMass
 
+LAST = 0.1          # of a recording, in which all has settled
+SHALLOWER = 0.8     # of the sag under less weight: markers are placed to millimetres, sags are
+                    # centimetres
 OWN = ('name', 'gravity', 'loads', 'description', 'source')     # may differ
 
 
@@ -31,6 +37,55 @@ def refuse_other_bodies(scenes):
             raise InputError(f'scenes {first.name} and {other.name} differ in {", ".join(odd)}; '
                              f'recordings told together must be of one body, whose scenes differ '
                              f'in {", ".join(OWN[:3])} alone')
+
+
+def refuse_exchanged(evidences):
+    """Raise InputError where the body hangs deeper in the scene with less on it.
+
+    evidences : evidence.Evidence of bodies that were let go, of `refuse_other_bodies`
+    Compared are scenes of one gravity of which one has all loads of the other, some heavier, by
+    the mean distance of the markers on the tissue from their stress-free places when all has
+    settled, in the frame of the markers on the base. One body under more weight hangs deeper,
+    whatever it is made of: if it does not, by SHALLOWER, the scenes are exchanged.
+    """
+    sags = {}
+    for one in evidences:
+        sag = _sag(one)
+        if sag is not None:
+            sags.setdefault(one.scene, []).append((sag, one.name))
+    for light, some in sags.items():
+        for heavy, others in sags.items():
+            if not _carries_more(heavy, light):
+                continue
+            (least, name), (most, other) = max(some), min(others)
+            if most < SHALLOWER * least:
+                raise InputError(
+                    f'{other} hangs {1e3 * most:.3g} mm from the stress-free shape in scene '
+                    f'{heavy.name}, {name} {1e3 * least:.3g} mm in {light.name}, which has less '
+                    'weight on it; must hang deeper under more: exchange the scenes of these '
+                    'recordings')
+
+
+def _carries_more(one, other):
+    """True if scene `one` has the loads of `other` at their places, some heavier or one more."""
+    mass = [{tuple(load.position): load.mass for load in scene.loads} for scene in (one, other)]
+    return (one.gravity == other.gravity and mass[0] != mass[1]
+            and all(mass[0].get(place, -1.0) >= m for place, m in mass[1].items()))
+
+
+def _sag(evidence):
+    """[m] mean distance of tissue markers from their stress-free places at the end; None = unknown.
+    """
+    optical = evidence.get(OPTICAL)
+    found = None if optical is None else register(evidence, Calibration().placement)
+    if found is None or not found.on:
+        return None
+    start, stop = evidence.span
+    tissue = optical.channels(optical.on(TISSUE)).between(stop - LAST * (stop - start), stop)
+    if not len(tissue.t) or not tissue.valid.any(axis=0).all() or not len(tissue.names):
+        return None
+    places = found.apply(np.nanmedian(tissue.values, axis=0))
+    return float(np.linalg.norm(places - tissue.rest, axis=1).mean())
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from arm_brachy.diagnosis.free_fit import refit
 from arm_brachy.diagnosis.free_hypotheses import free_hypotheses
 from arm_brachy.diagnosis.free_look import Look
 from arm_brachy.diagnosis.free_model import free_specimen
-from arm_brachy.diagnosis.free_scenes import refuse_other_bodies
+from arm_brachy.diagnosis.free_scenes import refuse_exchanged, refuse_other_bodies
 from arm_brachy.diagnosis.free_study import FreeStudy
 from arm_brachy.diagnosis.free_table import SETTLED, FreePriors
 from arm_brachy.diagnosis.inference import posterior
@@ -72,6 +72,7 @@ def free_screen(known, evidences, held_out=(), progress=untold, *, drifts_restar
         looks.append(Look(prepare(e)))
     fitted, tested = looks[:len(evidences)], looks[len(evidences):]
     refuse_other_bodies([look.scene for look in looks])
+    refuse_exchanged(every)
     scenes = with_damping(fitted, {look.scene.name: look.scene for look in looks})
     known.free = free = FreeKnown(fitted, tested)
     known.steps.append(SIGNALS)

@@ -8,16 +8,19 @@ import pytest
 
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.scene import Marker, MeshFile, PointLoad, Region, Scene
+from arm_brachy.diagnosis.evidence import Evidence
 from arm_brachy.diagnosis.free_scenes import (
     InScene,
     acting,
     along,
     at_loads,
     hung,
+    refuse_exchanged,
     refuse_other_bodies,
 )
 from arm_brachy.diagnosis.free_statements import in_one_scene
 from arm_brachy.diagnosis.free_study import Aside, _joined
+from arm_brachy.diagnosis.stream import OPTICAL, Stream
 from arm_brachy.tissue.terms.damping import Damping
 from arm_brachy.tissue.terms.point_mass import PointMass
 
@@ -26,6 +29,28 @@ BARE = Scene('bare', MeshFile('none.msh'), Region('half_space'), dynamics='impli
              markers=(Marker('tip', TIP),))
 HUNG = replace(BARE, name='hung', loads=(PointLoad('weight', TIP, 0.02),))
 TURNED = replace(BARE, name='turned', gravity=(0.0, -9.81, 0.0))
+
+
+def let_go(name, scene, sag):
+    """Evidence of a tip that sinks by `sag` [m] in 2 s, seen by a tracker that stands aside."""
+    base = np.array([[0.0, 0.05, 0.0], [0.0, -0.05, 0.0], [0.0, 0.0, 0.05]])
+    rest = np.vstack([TIP, base])
+    scene = replace(scene, markers=(*scene.markers, *(
+        Marker(f'base_{i}', tuple(p), 'base') for i, p in enumerate(base))))
+    t = np.arange(400) * 0.01
+    values = np.repeat(rest[None], len(t), axis=0)
+    values[:, 0, 2] -= sag * np.minimum(t / 2.0, 1.0)
+    optical = Stream(OPTICAL, t, tuple(m.name for m in scene.markers), values + [0.3, 0.0, 0.1],
+                     np.ones(values.shape[:2], dtype=bool), ('tissue', *['base'] * 3), rest)
+    return Evidence(name, scene, np.zeros((0, 3)), {OPTICAL: optical})
+
+
+def test_scenes_exchanged_between_two_recordings_are_found_by_how_deep_they_hang():
+    refuse_exchanged([let_go('a', BARE, 0.01), let_go('b', HUNG, 0.03)])
+    refuse_exchanged([let_go('a', BARE, 0.030), let_go('b', HUNG, 0.029)])      # nearly alike
+    refuse_exchanged([let_go('a', TURNED, 0.03), let_go('b', HUNG, 0.01)])      # another way down
+    with pytest.raises(InputError, match='a hangs 10 mm .* in scene hung, b 30 mm in bare, which'):
+        refuse_exchanged([let_go('b', BARE, 0.03), let_go('a', HUNG, 0.01)])
 
 
 def test_one_body_hangs_and_is_loaded_in_any_way():
