@@ -74,8 +74,7 @@ def _carries_more(one, other):
 
 
 def _sag(evidence):
-    """[m] mean distance of tissue markers from their stress-free places at the end; None = unknown.
-    """
+    """[m] mean distance of tissue markers from their stress-free places at the end, or None."""
     optical = evidence.get(OPTICAL)
     found = None if optical is None else register(evidence, Calibration().placement)
     if found is None or not found.on:
