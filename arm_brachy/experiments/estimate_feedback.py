@@ -2,7 +2,7 @@
 
 Scene, plant, tasks and seeds are those of `table-3.1`, whose closed loop hears the EM sensor in
 the target. Here the controller hears an estimator that sees markers and encoders; what counts is
-where the true target comes to rest.
+where the true target comes to rest. Estimators are set up as in target_1_markers.yaml.
 Test: experiments/test_estimate_feedback.py
 """
 
@@ -10,7 +10,7 @@ import resource
 import sys
 import time
 from concurrent.futures import as_completed
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +24,13 @@ from arm_brachy.evaluation.estimates import held, true_at
 from arm_brachy.evaluation.result import Result, Target, commit_of, machine_description
 from arm_brachy.experiments.parallel import process_pool
 from arm_brachy.experiments.table_3_1 import SCENARIO, published_numbers, row_seed
-from arm_brachy.scenario import load_cell, resolve
+from arm_brachy.scenario import Scenario, load_cell, resolve
 
 NAME = 'estimate-feedback'
 CHOSEN = 'target_1_markers.yaml'    # the scenario whose feedback is held to the goal
 LARGEST_ERROR = 0.5e-3    # m, of the true target at the end of every task
 MM = style.MM
+SECTIONS = ('estimation', *(f.name for f in fields(Scenario) if f.name in graph.ESTIMATORS))
 
 
 @dataclass(frozen=True)
@@ -67,12 +68,16 @@ def reproduce(out_dir, scenario=None, feedbacks=graph.ESTIMATORS):
     """
     path = Path(scenario or config_dir() / 'scenarios' / SCENARIO)
     cell = load_cell(path)
-    chosen = load_cell(config_dir() / 'scenarios' / CHOSEN).scenario.feedback
     jobs = [(path, i, feedback) for feedback in feedbacks
             for i in range(len(cell.scenario.tasks))]
     runs = _in_parallel(jobs)
     return Result(NAME, cell.scenario.seed, commit_of(share_dir()), machine_description(),
-                  tuple(_flat(run) for run in runs), _targets(runs, feedbacks, chosen))
+                  tuple(_flat(run) for run in runs), _targets(runs, feedbacks, _chosen().feedback))
+
+
+def _chosen():
+    """The Scenario whose feedback is the default and whose estimators are set up."""
+    return load_cell(config_dir() / 'scenarios' / CHOSEN).scenario
 
 
 def _in_parallel(jobs):
@@ -95,7 +100,8 @@ def run_task(path, index, feedback):
     whole = load_cell(path)
     task = whole.scenario.tasks[index]
     seed = row_seed(whole.scenario.seed, task)
-    scenario = replace(whole.scenario, tasks=(task,), seed=seed, feedback=feedback, estimators=())
+    scenario = replace(whole.scenario, tasks=(task,), seed=seed, feedback=feedback, estimators=(),
+                       **{name: getattr(_chosen(), name) for name in SECTIONS})
     begun = time.process_time()
     run = inprocess.run(resolve(scenario, whole.path), go_home=False)
     if not run.tasks:
