@@ -6,6 +6,7 @@ from arm_brachy.core.errors import NotConverged
 from arm_brachy.estimation.model_body import ModelBody
 from arm_brachy.estimation.unknowns import Unknowns
 from arm_brachy.tissue.assembly import Assembler
+from arm_brachy.tissue.free_dofs import held_nodes
 from arm_brachy.tissue.jacobian import Linearisation
 from arm_brachy.tissue.mesh import embed, interpolate
 from arm_brachy.tissue.newton import NewtonOptions, StaticSolver
@@ -20,6 +21,7 @@ class Forward:
     tolerance : [m] largest correction left open at an equilibrium
     Attributes: model (ModelBody), unknowns (Unknowns), n_markers, n_targets
         watch : (3n, 3w) d point coordinates / d x, transposed
+        derivatives : unknowns.Derivatives of the last `response`
     Points are markers first, then targets. Not to be shared between threads.
     """
 
@@ -34,13 +36,15 @@ class Forward:
         self._assembler = Assembler(body)
         self._options = NewtonOptions(tolerance=tolerance)
         self.watch = self._rows()
+        held = held_nodes(body)
+        self._held = (3 * held[:, None] + np.arange(3)).ravel()
         self.forget()
 
     def forget(self):
         """Forget all that was solved: what follows depends on what is asked from now on only."""
         self._solver = StaticSolver(self.model.body, options=self._options,
                                     assembler=self._assembler)
-        self._linearisation = None
+        self._linearisation, self.derivatives = None, None
 
     @property
     def mesh(self):
@@ -57,6 +61,11 @@ class Forward:
     def points(self, x):
         """Return the positions (w, 3) [m] of markers and targets at node positions x (n, 3)."""
         return interpolate(self._rider, x)
+
+    def strain(self, x):
+        """Return |F - I| (w,), Frobenius norm, of the tissue at the points."""
+        F = np.einsum('kai,kaj->kij', x[self._rider.nodes], self._rider.gradients)
+        return np.linalg.norm(F - np.eye(3), axis=(1, 2))
 
     def rest(self):
         """Return the equilibrium (n, 3) [m] at zero travel. Raises NotConverged."""
@@ -87,16 +96,28 @@ class Forward:
         """Return d points / d unknowns, (3w, k) [m per standard deviation], by the adjoint.
 
         x : (n, 3) [m] equilibrium at travel q (p,) [m] with `fields`
-        One back-solve for each coordinate of a point, whatever the number of unknowns.
+        One back-solve for each coordinate of a point, whatever the number of unknowns. What it
+        was made of stays in `derivatives`.
         """
         linearisation = self.linearise(x, fields)
-        motion, rate, shift = self.unknowns.derivatives(linearisation, q)
+        self.derivatives = found = self.unknowns.derivatives(linearisation, q)
         pads = np.zeros((3 * len(self.model.directions), self.watch.shape[1]))
         a, h = linearisation.adjoint(self.watch, pads)
-        return h.T @ motion - a.T @ rate + shift.reshape(-1, shift.shape[2])
+        held = self._held
+        return (h[held].T @ found.motion[held] - a.T @ found.rate
+                + found.shift.reshape(-1, found.shift.shape[2]))
 
     def nodal_response(self, x, q, fields=None):
         """Return d x / d unknowns, (3n, k): one back-solve for each unknown."""
-        linearisation = self.linearise(x, fields)
-        motion, rate, _ = self.unknowns.derivatives(linearisation, q)
-        return linearisation.respond(motion, rate)
+        found = self.unknowns.derivatives(self.linearise(x, fields), q)
+        return self._linearisation.respond(found.motion, found.rate)
+
+    def nodal_change(self, change):
+        """Return the change (n, 3) [m] of the nodes by a change (k,) of the unknowns.
+
+        To first order about the state of the last `response`; one back-solve.
+        """
+        found = self.derivatives
+        moved = self._linearisation.respond((found.motion @ change)[:, None],
+                                            (found.rate @ change)[:, None])
+        return moved.reshape(-1, 3)

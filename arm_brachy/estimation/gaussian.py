@@ -57,3 +57,14 @@ def registration_jacobian(points):
     J[:, 2, 0], J[:, 2, 1] = arms[:, 1], -arms[:, 0]
     J[:, :, 3:] = np.eye(3)
     return J.reshape(-1, 6)
+
+
+def student_weights(squared, dof, dimension=3):
+    """Return weights of iterated reweighting for multivariate Student noise, 1 at most.
+
+    squared : (m,) residual' covariance^-1 residual of each measured vector;  dof : nu > 0
+    w = (nu + d) / (nu + squared), capped: a measurement that fits better than it should is
+    believed as its covariance says, no more. Source: Lange, Little & Taylor 1989, J Am Stat Assoc
+    84:881, eq. (8).
+    """
+    return np.minimum(1.0, (dof + dimension) / (dof + squared))

@@ -6,9 +6,10 @@ modulus, fibres, a base that gives, pads that sit or push elsewhere, and a smoot
 force for what has no name. Each is standardised: one unit is one standard deviation of its prior.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from arm_brachy.core.errors import MeshError
 from arm_brachy.core.quantity import quantity
@@ -17,7 +18,7 @@ from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.contact_poses import placed
 from arm_brachy.tissue.mesh import boundary_faces, interpolate
-from arm_brachy.tissue.sensitivity import moduli_derivative, stress_forces
+from arm_brachy.tissue.sensitivity import log_modulus_derivative
 from arm_brachy.tissue.terms.base_compliance import base_areas
 from arm_brachy.tissue.terms.pad_misplacement import PadMisplacement
 
@@ -25,30 +26,32 @@ STEP = 1e-3             # m, by which a pad is slid to see what that does
 REFERENCE_PUSH = 20e-3  # m, at which the body force has its stated size; it grows with the push
 LARGEST_LOG = 2.0       # of a modulus: a factor of 7 either way, as far as the model follows
 
+_FITTED = 'fitted to plants outside the tables, README.md, section 4'
+
 
 @dataclass(frozen=True)
 class PriorParams:
     """Standard deviations of what the model may be wrong in, and how smooth the fields are."""
 
-    modulus: float = quantity(0.6, '', 'sd of the logarithm of the local modulus', low=0.0,
-                              source='a lump of ratio 5 is 1.6; most tissue is none')
+    modulus: float = quantity(0.12, '', 'sd of the logarithm of the local modulus', low=0.0,
+                              source=_FITTED)
     modulus_length: float = quantity(15.0, 'mm', 'correlation length of that field', low=1.0,
                                      source='size of the lumps of term inclusion')
     modulus_modes: int = 40
-    bulk: float = quantity(0.9, '', 'sd of the logarithm of the bulk modulus', low=0.0,
-                           source='prior and typical size of term compressibility')
-    fibres: float = quantity(0.15, '', 'sd of fibre modulus over shear modulus, in each of '
-                             'fifteen directions', low=0.0, source='typical size of anisotropy')
-    base: float = quantity(0.7, 'mm_kPa', 'sd of the compliance of the base, normal and '
-                           'tangential', low=0.0, source='typical size of base_compliance')
-    offset: float = quantity(2.0, 'mm', 'sd of the place of a pad along the surface', low=0.0,
-                             source='prior of term pad_misplacement')
-    tilt: float = quantity(3.0, 'deg', 'sd of the direction of a push, about each axis', low=0.0,
-                           source='prior of term pad_misplacement')
-    travel: float = quantity(0.1, 'mm', 'sd of the zero of a pad travel', low=0.0,
-                             source='play of an actuator')
-    force: float = quantity(500.0, 'N_m3', 'sd of the body force that stands for all else, at a '
-                            'push of 20 mm', low=0.0, source='fitted to plants outside the tables')
+    bulk: float = quantity(1.4, '', 'sd of the logarithm of the bulk modulus', low=0.0,
+                           source=_FITTED)
+    fibres: float = quantity(0.05, '', 'sd of fibre modulus over shear modulus, in each of '
+                             'fifteen directions', low=0.0, source=_FITTED)
+    base: float = quantity(0.25, 'mm_kPa', 'sd of the compliance of the base, normal and '
+                           'tangential', low=0.0, source=_FITTED)
+    offset: float = quantity(0.8, 'mm', 'sd of the place of a pad along the surface', low=0.0,
+                             source=_FITTED)
+    tilt: float = quantity(1.2, 'deg', 'sd of the direction of a push, about each axis', low=0.0,
+                           source=_FITTED)
+    travel: float = quantity(0.05, 'mm', 'sd of the zero of a pad travel', low=0.0,
+                             source=_FITTED)
+    force: float = quantity(250.0, 'N_m3', 'sd of the body force that stands for all else, at a '
+                            'push of 20 mm', low=0.0, source=_FITTED)
     force_length: float = quantity(20.0, 'mm', 'correlation length of that force', low=1.0,
                                    source='as modulus_length')
     force_modes: int = 30
@@ -74,6 +77,13 @@ class Unknowns:
         self._base = _Base(body) if len(body.fixed) else None
         self._slides, self.left_out = _slides(body, embed_points)
         self._force = self._force_modes()
+        slots = body.geometry.connectivity.ravel()
+        self._sum = csr_array((np.ones(len(slots)), (slots, np.arange(len(slots)))),
+                              shape=(len(body.mesh.nodes), len(slots)))
+        self._sizes = {'modulus': self._modulus.shape[1], 'bulk': 1,
+                       'fibres': len(self.directions), 'base': 2 if self._base else 0,
+                       'slides': len(self._slides), 'pads': 3 * len(body.pads),
+                       'force': self._force.shape[1]}
         self.names = self._names()
 
     @property
@@ -100,59 +110,62 @@ class Unknowns:
                         for what in ('travel', 'tilt_up', 'tilt_side')),
                       *(f'force_{i}' for i in range(self._force.shape[1]))])
 
-    def _split(self, theta):
-        """theta (k, ...) by kind: modulus, bulk, fibres, base, slides, pads, force."""
-        sizes = [self._modulus.shape[1], 1, len(self.directions), 2 if self._base else 0,
-                 len(self._slides), 3 * len(self.body.pads), self._force.shape[1]]
-        return np.split(theta, np.cumsum(sizes)[:-1])
-
     def derivatives(self, linearisation, q):
-        """Return how equations and points change with each unknown at an equilibrium.
+        """Return the Derivatives with respect to each unknown at an equilibrium.
 
         linearisation : jacobian.Linearisation;  q : (p,) [m] pad travel
-        Returns motion (3n, k) [m] of held nodes, rate (3n, k) [N] of the forces at fixed x, and
-        shift (w, 3, k) [m] of the points watched at fixed x.
         """
-        n, p = len(linearisation.x), self.params
-        fields = linearisation.fields
-        by_moduli = moduli_derivative(linearisation)
-        m = len(fields.mu)
-        alike = np.vstack([fields.mu[:, None] * self._modulus,
-                           fields.kappa[:, None] * self._modulus])
-        bulk = np.concatenate([np.zeros(m), p.bulk * fields.kappa])[:, None]
-        rates = [by_moduli @ alike, by_moduli @ bulk, self._fibre_rates(linearisation)]
-        motions = [np.zeros((3 * n, self._modulus.shape[1] + 1 + len(self.directions)))]
-        if self._base:
-            motions.append(p.base * self._base.motions(linearisation))
-            rates.append(np.zeros((3 * n, 2)))
+        p, fields, size = self.params, linearisation.fields, linearisation.x.size
+        by_modulus = log_modulus_derivative(linearisation.solver.assembler, linearisation.x,
+                                            fields)
+        bulk = log_modulus_derivative(linearisation.solver.assembler, linearisation.x,
+                                      replace(fields, mu=np.zeros_like(fields.mu)))
         slid = [s.changes(linearisation, self._embedding) for s in self._slides]
-        rates.append(p.offset * _columns([s[0] for s in slid], 3 * n))
-        pads = self._pad_motions(q)
-        motions += [np.zeros((3 * n, len(slid))), pads, np.zeros(self._force.shape)]
-        rates += [np.zeros(pads.shape), -self._growth(q) * self._force]
+        none = {name: np.zeros((size, n)) for name, n in self._sizes.items()}
+        rates = none | {
+            'modulus': by_modulus @ self._modulus, 'bulk': p.bulk * bulk.sum(axis=1)[:, None],
+            'fibres': p.fibres * self._fibre_rates(linearisation.x),
+            'slides': p.offset * _columns([s[0] for s in slid], size),
+            'force': -self._growth(q) * self._force}
+        motions = none | {'pads': self._pad_motions(q)}
+        if self._base:
+            motions['base'] = p.base * self._base.motions(linearisation)
         shift = np.zeros((len(self._embedding.nodes), 3, self.count))
-        start = self.count - self._force.shape[1] - pads.shape[1] - len(slid)
-        for i, (_, moved) in enumerate(slid):
-            shift[:, :, start + i] = p.offset * moved
-        return np.hstack(motions), np.hstack(rates), shift
+        shift[:, :, self.part('slides')] = p.offset * np.moveaxis(
+            np.array([s[1] for s in slid]).reshape(-1, *shift.shape[:2]), 0, 2)
+        return Derivatives(np.hstack(list(motions.values())), np.hstack(list(rates.values())),
+                           shift)
+
+    def part(self, name):
+        """Return the slice of the unknowns of one kind, modulus, bulk, fibres, base,
+        slides, pads or force."""
+        names = list(self._sizes)
+        start = sum(self._sizes[n] for n in names[:names.index(name)])
+        return slice(start, start + self._sizes[name])
 
     def _growth(self, q):
         return np.abs(q).max(initial=0.0) / REFERENCE_PUSH
 
-    def _fibre_rates(self, linearisation):
-        stress = self._fibre_stress(linearisation.x, np.eye(len(self.directions)))
-        return self.params.fibres * _columns(
-            [stress_forces(linearisation, s) for s in stress], linearisation.x.size)
+    def _fibre_rates(self, x):
+        """(3n, 15) [N] forces of fibres of modulus mu in each direction: w S F a (a . grad N)."""
+        geometry = self.body.geometry
+        along, strength = self._fibre_strain(x)
+        slopes = np.einsum('mqak,dk->mqad', geometry.gradients, self.directions)
+        pull = np.einsum('mq,mqd,mqid,mqad->maid', geometry.point_weights, strength, along,
+                         slopes, optimize=True)
+        total = self._sum @ pull.reshape(-1, 3 * len(self.directions))
+        return total.reshape(x.size, -1)
 
-    def _fibre_stress(self, x, weights):
-        """(len(weights), m, q, 3, 3) [Pa]: second Piola-Kirchhoff stress 2 k (I4 - 1) a (x) a."""
-        geometry, a = self.body.geometry, self.directions
-        F = np.einsum('mai,mqak->mqik', x[geometry.connectivity], geometry.gradients)
-        stretch = np.einsum('mqik,dk->mqid', F, a)
-        strain = (stretch**2).sum(axis=2) - 1.0
-        # points that carry volume change only do not carry fibres as well
-        scaled = 2.0 * self.body.mu[:, None, None] * strain * geometry.shear[:, None]
-        return np.einsum('mqd,wd,di,dj->wmqij', scaled, weights, a, a, optimize=True)
+    def _fibre_strain(self, x):
+        """F a (m, q, 3, 15) and the stress 2 mu (I4 - 1) (m, q, 15) [Pa] along each direction.
+
+        Points that carry volume change only do not carry fibres as well.
+        """
+        geometry = self.body.geometry
+        along = np.einsum('mai,mqak,dk->mqid', x[geometry.connectivity], geometry.gradients,
+                          self.directions, optimize=True)
+        strength = 2.0 * ((along**2).sum(axis=2) - 1.0) * self.body.mu[:, None, None]
+        return along, strength * geometry.shear[:, None]
 
     def _pad_motions(self, q):
         n, p = len(self.body.mesh.nodes), self.params
@@ -164,22 +177,44 @@ class Unknowns:
                 motion[pad.nodes, :, i, j] = axis
         return motion.reshape(3 * n, -1)
 
-    def applied(self, theta, q, x, base_traction=None):
+    def applied(self, theta, q, x, last=None):
         """Return the model with the unknowns at theta, for a solve that starts at x.
 
-        theta : (k,);  q : (p,) [m];  x : (n, 3) [m] where what follows the deformation (fibres,
-        slid pads) is taken
-        Returns StepFields and the offsets (n, 3) [m] of held nodes.
+        theta : (k,);  q : (p,) [m];  x : (n, 3) [m] where fibres have their stress from
+        last : Derivatives from which base and slid pads have what they do; None leaves them out
+        Returns StepFields, offsets (n, 3) [m] of held nodes and shifts (w, 3) [m] of the points.
         """
-        modulus, bulk, fibres, _, _, pads, force = self._split(theta)
         fields = StepFields.of(self.body)
-        stiffer = np.exp(np.clip(self._modulus @ modulus, -LARGEST_LOG, LARGEST_LOG))
-        harder = np.exp(np.clip(self.params.bulk * bulk[0], -LARGEST_LOG, LARGEST_LOG))
-        fields.mu *= stiffer
-        fields.kappa *= stiffer * harder
-        fields.stress += self._fibre_stress(x, self.params.fibres * fibres[None])[0]
-        fields.nodal_force += (self._growth(q) * self._force @ force).reshape(-1, 3)
-        return fields, (self._pad_motions(q) @ pads).reshape(-1, 3)
+        modulus = self._modulus @ theta[self.part('modulus')]
+        bulk = modulus + self.params.bulk * theta[self.part('bulk')]
+        fields.mu *= np.exp(np.clip(modulus, -LARGEST_LOG, LARGEST_LOG))
+        fields.kappa *= np.exp(np.clip(bulk, -LARGEST_LOG, LARGEST_LOG))
+        fibres = self.params.fibres * theta[self.part('fibres')]
+        fields.stress += np.einsum('mqd,d,di,dj->mqij', self._fibre_strain(x)[1], fibres,
+                                   self.directions, self.directions, optimize=True)
+        force = self._growth(q) * self._force @ theta[self.part('force')]
+        offset = self._pad_motions(q) @ theta[self.part('pads')]
+        shift = np.zeros((len(self._embedding.nodes), 3))
+        if last is not None:
+            base, slides = self.part('base'), self.part('slides')
+            offset += last.motion[:, base] @ theta[base]
+            force -= last.rate[:, slides] @ theta[slides]
+            shift = last.shift[:, :, slides] @ theta[slides]
+        fields.nodal_force += force.reshape(-1, 3)
+        return fields, offset.reshape(-1, 3), shift
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """How equations and points change with k unknowns, at an equilibrium.
+
+    motion : (3n, k) [m] of held nodes;  rate : (3n, k) [N] of the forces at fixed x
+    shift : (w, 3, k) [m] of the points watched at fixed x
+    """
+
+    motion: np.ndarray
+    rate: np.ndarray
+    shift: np.ndarray
 
 
 class _Base:

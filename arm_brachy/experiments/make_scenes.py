@@ -238,6 +238,8 @@ MESHES = {
     'breast/breast_plant.msh': ('breast/breast.stl', {
         'rims': 'breast.yaml', 'edge_length': 24e-3, 'envelope': 1.1e-3, 'depth': 7e-3}),
     'breast/breast_2331.msh': ('breast/breast.stl', {'tets': 2331, 'envelope': 0.06}),
+    'breast/breast_rims_800.msh': ('breast/breast.stl', {
+        'rims': 'breast.yaml', 'edge_length': 30e-3, 'envelope': 2.2e-3, 'depth': 9e-3}),
     'breast/breast_600.msh': ('breast/breast.stl', {'tets': 600, 'envelope': 0.06,
                                                     'tolerance': 0.02}),
     'breast/breast_4223.msh': ('breast/breast.stl', {'nodes': 4223}),

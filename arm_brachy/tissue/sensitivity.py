@@ -137,14 +137,6 @@ def moduli_derivative(linearisation):
                                                  _element_forces(*state, none, one)]))
 
 
-def stress_forces(linearisation, stress):
-    """Return the change (n, 3) [N] of `Assembler.forces` at fixed x by an added stress.
-
-    linearisation : jacobian.Linearisation;  stress : (m, q, 3, 3) [Pa] as StepFields.stress
-    """
-    return _load_change(linearisation, Change(stress=stress))
-
-
 def log_modulus_derivative(assembler, x, fields):
     """Return d forces / d log E of every element at fixed x, its ratio kept, sparse (3n, m) [N].
 

@@ -42,7 +42,7 @@ def test_response_equals_central_differences_of_the_model_with_it(forward, state
     for sign in (-1.0, 1.0):
         theta = np.zeros(forward.unknowns.count)
         theta[k] = sign * step
-        fields, offset = forward.unknowns.applied(theta, Q, state)
+        fields, offset, _ = forward.unknowns.applied(theta, Q, state)
         seen.append(forward.points(forward.solve(state, Q, fields, offset)).ravel())
     slope = (seen[1] - seen[0]) / (2.0 * step)
     np.testing.assert_allclose(response[:, k], slope, atol=2e-4 * np.abs(slope).max() + 1e-9)

@@ -1,0 +1,203 @@
+"""MAP: exact where the problem is linear, honest on its own prior, named where it fails."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2
+
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.outcome import Outcome
+from arm_brachy.estimation import map as estimator
+from arm_brachy.estimation.estimate import Surface
+from arm_brachy.estimation.forward import TOLERANCE
+from arm_brachy.estimation.gaussian import student_weights
+from arm_brachy.estimation.unknowns import PriorParams
+
+PRIOR = PriorParams(modulus_modes=8, force_modes=4)
+PARAMS = estimator.MapParams(prior=PRIOR, dof=1e9)    # Gaussian
+Q = np.array([0.003, 0.001])
+FRAME = np.diag([1e-3, 1e-3, 1e-3, 2e-4, 2e-4, 2e-4])**2
+
+
+@pytest.fixture(scope='module')
+def built(block):
+    return estimator.build(block.scene, (), block.targets, block.markers, PARAMS)
+
+
+def truth(built, rng, params=PARAMS, size=1.0):
+    """A Surface and the targets of the nonlinear model with unknowns drawn from the prior."""
+    forward, k = built._forward, built._k
+    theta = size * rng.normal(size=k)
+    theta[forward.unknowns.part('slides')] = 0.0    # these and the base have no exact solve
+    theta[forward.unknowns.part('base')] = 0.0
+    x = built._rest
+    for _ in range(4):  # fibres take their stress from the state before
+        fields, offset, _ = forward.unknowns.applied(theta, Q, x)
+        x = forward.solve(x, Q, fields, offset)
+    points, strain = forward.points(x), forward.strain(x)**estimator.STRAINED
+    m = forward.n_markers
+    own = np.sqrt(params.offset**2 + (params.marker_local * strain[:m])**2)
+    seen = points[:m] + own[:, None] * rng.normal(size=(m, 3))
+    local = np.sqrt(params.floor**2 + (params.target_local * strain[m:])**2)
+    targets = points[m:] + local[:, None] * rng.normal(size=(len(points) - m, 3))
+    return Surface(0.0, Q, seen + params.noise * rng.normal(size=(m, 3))), targets
+
+
+def test_a_linear_case_gives_the_exact_posterior(block):
+    built = estimator.build(block.scene, (), block.targets, block.markers,
+                            replace(PARAMS, iterations=1))
+    forward, m = built._forward, built._forward.n_markers
+    x = forward.solve(built._rest, Q)
+    points, strain = forward.points(x), forward.strain(x)**estimator.STRAINED
+    H = forward.response(x, Q)
+    rng = np.random.default_rng(3)
+    offset = 1e-5 * rng.normal(size=(m, 3))     # small: every weight is one
+    arms = points[:m] - points[:m].mean(axis=0)
+    J = np.zeros((m, 3, 6))
+    for a in range(3):
+        J[:, :, a], J[:, a, 3 + a] = np.cross(np.eye(3)[a], arms), 1.0
+    J = J.reshape(-1, 6)
+    own = np.repeat(PARAMS.offset**2 + (PARAMS.marker_local * strain[:m])**2, 3)
+    R = J @ FRAME @ J.T + np.diag(own + PARAMS.noise**2)
+    # The information form, unknowns only, the rest marginalised into the noise.
+    Hm, Ht = H[:3 * m], H[3 * m:]
+    information = np.eye(H.shape[1]) + Hm.T @ np.linalg.solve(R, Hm)
+    theta = np.linalg.solve(information, Hm.T @ np.linalg.solve(R, offset.ravel()))
+    spread = Ht @ np.linalg.solve(information, Ht.T)
+    found = built.step(Surface(0.0, Q, points[:m] + offset, FRAME))
+    np.testing.assert_allclose(found.points.ravel(), points[m:].ravel() + Ht @ theta,
+                               atol=TOLERANCE)
+    local = PARAMS.floor**2 + (PARAMS.target_local * strain[m:])**2
+    for i, block_ in enumerate(found.covariance):
+        expected = PARAMS.inflation * (spread[3 * i:3 * i + 3, 3 * i:3 * i + 3]
+                                       + local[i] * np.eye(3))
+        np.testing.assert_allclose(block_, expected, rtol=1e-6, atol=1e-14)
+
+
+def test_ellipses_hold_nonlinear_draws_from_the_prior_as_often_as_they_say(built):
+    inside, rng, count = 0, np.random.default_rng(11), 24
+    for _ in range(count):
+        surface, targets = truth(built, rng, size=0.5)
+        built.reset()
+        found = built.step(surface)
+        assert found.outcome.ok
+        error = found.points[0] - targets[0]
+        # half the prior's spread, so that the ellipse is wide rather than narrow
+        inside += error @ np.linalg.solve(found.covariance[0] / PARAMS.inflation, error) < (
+            chi2.ppf(0.95, 3))
+    assert inside >= binom.ppf(1e-3, count, 0.95)
+
+
+def test_it_comes_nearer_than_the_model_without_markers(built):
+    errors, open_loop, rng = [], [], np.random.default_rng(12)
+    for _ in range(5):
+        surface, targets = truth(built, rng)
+        built.reset()
+        errors.append(np.linalg.norm(built.step(surface).points - targets, axis=1).mean())
+        x = built._forward.solve(built._rest, Q)
+        points = built._forward.points(x)[built._m:]
+        open_loop.append(np.linalg.norm(points - targets, axis=1).mean())
+    assert np.mean(errors) < 0.8 * np.mean(open_loop)
+
+
+def test_the_fixed_point_is_a_minimum_of_the_posterior(block):
+    """Iterated to the end, the gradient of the negative logarithm of the posterior vanishes."""
+    built = estimator.build(block.scene, (), block.targets, block.markers, replace(
+        PARAMS, iterations=12, settled=1e-9))
+    surface, _ = truth(built, np.random.default_rng(13))
+    assert built.step(surface).outcome.ok
+    k, m = built._k, built._m
+    at, s = built._at, built._mean
+    own = np.repeat(np.sqrt(built._own_variance(at)), 3)
+
+    def slope(points, s):
+        left = (surface.markers - points[:m]).ravel() - own * s[k + 6:]
+        found = s.copy()
+        found[:k] -= at.response[:3 * m].T @ left / PARAMS.noise**2
+        found[k + 6:] -= own * left / PARAMS.noise**2
+        return np.abs(found).max()
+    x = built._forward.solve(built._rest, Q)
+    assert slope(at.points, s) < 5e-3 * slope(built._forward.points(x), np.zeros(len(s)))
+
+
+def test_memory_that_is_short_leaves_no_trace(block):
+    params = replace(PARAMS, memory=1e-3)
+    built = estimator.build(block.scene, (), block.targets, block.markers, params)
+    first, _ = truth(built, np.random.default_rng(14))
+    second, _ = truth(built, np.random.default_rng(15))
+    built.reset()
+    alone = built.step(replace(second, t=10.0))
+    built.reset()
+    built.step(first)
+    after = built.step(replace(second, t=10.0))
+    np.testing.assert_allclose(after.points, alone.points, atol=2e-5)
+
+
+def test_what_was_seen_narrows_what_is_believed_next(built):
+    built.reset()
+    surface, _ = truth(built, np.random.default_rng(16))
+    first = built.step(surface)
+    few = surface.markers.copy()
+    few[2:] = np.nan
+    later = built.step(replace(surface, t=0.1, markers=few))
+    built.reset()
+    alone = built.step(replace(surface, markers=few))
+    assert np.trace(later.covariance[0]) < np.trace(alone.covariance[0])
+    assert np.trace(first.covariance[0]) < np.trace(alone.covariance[0])
+
+
+def test_an_outlying_marker_is_named_and_hardly_moves_the_estimate(block):
+    built = estimator.build(block.scene, (), block.targets, block.markers,
+                            replace(PARAMS, dof=4.0))
+    surface, _ = truth(built, np.random.default_rng(17))
+    clean = built.step(surface)
+    built.reset()
+    off = surface.markers.copy()
+    off[3] += [0.0, 0.02, 0.0]
+    robust = built.step(replace(surface, markers=off))
+    assert robust.outcome.ok
+    assert block.markers[3] in robust.message
+    assert np.linalg.norm(robust.points - clean.points, axis=1).max() < 5e-4
+
+
+def test_markers_of_something_else_are_refused(block):
+    built = estimator.build(block.scene, (), block.targets, block.markers,
+                            replace(PARAMS, dof=4.0))
+    surface, _ = truth(built, np.random.default_rng(18))
+    wrong = built.step(replace(surface, markers=surface.markers[::-1].copy()))
+    assert wrong.outcome is Outcome.DEPARTED
+    assert np.isnan(wrong.points).all()
+    assert built.step(surface).outcome.ok
+
+
+def test_failures_are_named(built, block):
+    surface, _ = truth(built, np.random.default_rng(19))
+    built.reset()
+    blind = built.step(replace(surface, markers=np.full_like(surface.markers, np.nan)))
+    assert blind.outcome is Outcome.REJECTED
+    crushed = built.step(replace(surface, q=np.array([0.5, 0.5])))
+    assert crushed.outcome is Outcome.NOT_CONVERGED
+    assert crushed.message
+    assert built.step(surface).outcome.ok
+    with pytest.raises(ConfigError, match='no such file'):
+        estimator.build(block.scene, (), block.targets, block.markers,
+                        replace(PARAMS, mesh='none.msh'))
+
+
+def test_same_input_same_bits(built, block):
+    other = estimator.build(block.scene, (), block.targets, block.markers, PARAMS)
+    surface, _ = truth(other, np.random.default_rng(20))
+    built.step(replace(surface, q=2.0 * Q))
+    built.reset()
+    other.reset()
+    for t in (0.0, 0.1):
+        a, b = (one.step(replace(surface, t=t)) for one in (built, other))
+        assert a.points.tobytes() == b.points.tobytes()
+        assert a.covariance.tobytes() == b.covariance.tobytes()
+
+
+def test_weights_are_one_inside_and_fall_with_the_square_outside():
+    w = student_weights(np.array([0.0, 3.0, 300.0, 3e6]), 4.0)
+    assert w[0] == w[1] == 1.0
+    assert 0.0 < w[3] < w[2] < 0.05
