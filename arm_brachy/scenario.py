@@ -27,6 +27,7 @@ from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
 from arm_brachy.estimation.kf_admm import KfAdmmParams
 from arm_brachy.estimation.live import EstimationParams
+from arm_brachy.estimation.map import MapParams, own_mesh
 from arm_brachy.estimation.pod import PodParams
 
 ROS_NAME = re.compile('[A-Za-z][A-Za-z0-9_]*')  # a token of a topic name
@@ -111,6 +112,7 @@ class Scenario:
     feedback: Literal['em', 'kf_admm', 'graph_vae', 'map', 'pod'] = 'em'
     estimators: tuple[Literal['kf_admm', 'graph_vae', 'map', 'pod'], ...] = ()
     estimation: EstimationParams = field(default_factory=EstimationParams)
+    map: MapParams = field(default_factory=MapParams)
     pod: PodParams = field(default_factory=PodParams)
     kf_admm: KfAdmmParams = field(default_factory=KfAdmmParams)
     limits: Limits = field(default_factory=Limits)
@@ -182,6 +184,8 @@ def resolve(scenario, path, source=None):
         mesh = Path(getattr(cell, side).mesh.file)
         if not mesh.is_file():
             raise ConfigError(f'{mesh}: no such mesh file; named by the {side} of {path}')
+    if scenario.map.mesh:
+        own_mesh(cell.model, scenario.map)
     return cell
 
 
@@ -311,6 +315,8 @@ def bundle(cell):
             mesh = getattr(cell, side).mesh
             sides[side] = replace(overlay, mesh=_bundled_mesh(files, side, mesh))
     scene = replace(cell.scene, mesh=_bundled_mesh(files, 'scene', cell.scene.mesh))
+    if scenario.map.mesh:   # beside the model's, by its own name
+        files[scenario.map.mesh] = own_mesh(cell.model, scenario.map).read_bytes()
     files['scenario.yaml'] = _yaml(replace(scenario, scene='scene.yaml', **sides))
     files['scene.yaml'] = _yaml(scene)
     return files

@@ -51,9 +51,10 @@ class MapParams:
                             source='tools and embedding')
     dof: float = quantity(4.0, '', 'degrees of freedom of the Student noise', low=1.0, high=100.0,
                           source='Lange, Little & Taylor 1989, sec. 5: 4 where little is known')
-    memory: float = quantity(30.0, 's', 'time in which the state forgets', low=1e-3, high=1e6,
-                             source='between two pushes and a session')
-    iterations: int = 2                 # of Gauss-Newton in one estimate, at most
+    memory: float = quantity(0.001, 's', 'time in which the state forgets', low=1e-3, high=1e6,
+                             source='measured, README section 5: what is remembered of a smaller '
+                             'push does harm')
+    iterations: int = 1                 # of Gauss-Newton in one estimate: README, section 5
     settled: float = quantity(0.02, 'mm', 'largest change of an expected point that ends them',
                               low=1e-6, high=1.0, source='the noise of a marker')
     inflation: float = quantity(0.9, '', 'factor on the covariance', low=0.1, high=100.0,
@@ -86,8 +87,9 @@ class Map:
     def __init__(self, scene, terms, targets, markers, params):
         """Arguments as `build`."""
         self.params = params
-        self._forward = Forward(_with_own_mesh(scene, params), terms, targets, markers,
-                                params.prior)
+        if params.mesh:
+            scene = replace(with_mesh(scene, own_mesh(scene, params)), element='quadratic')
+        self._forward = Forward(scene, terms, targets, markers, params.prior)
         self.targets, self.mesh = self._forward.model.targets, self._forward.mesh
         self._k, self._m = self._forward.unknowns.count, self._forward.n_markers
         self._rest = self._forward.rest()
@@ -223,15 +225,16 @@ def _root(covariance):
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def _with_own_mesh(scene, params):
-    """The scene, on the mesh that the parameters name. Raises ConfigError if there is none."""
-    if not params.mesh:
-        return scene
+def own_mesh(scene, params):
+    """Return the Path of the mesh that MapParams name. Raises ConfigError if there is none.
+
+    scene : core.scene.Scene, in whose mesh's folder it is
+    """
     file = Path(scene.mesh.file).parent / params.mesh
     if not file.is_file():
         raise ConfigError(f'map: mesh = {params.mesh!r}; no such file beside the mesh of scene '
                           f'{scene.name} in {file.parent}')
-    return replace(with_mesh(scene, file), element='quadratic')
+    return file
 
 
 def build(scene, terms, targets, markers, params=None):
