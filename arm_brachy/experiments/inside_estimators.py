@@ -2,9 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
-from arm_brachy.estimation import kf_admm, open_loop, rigid
+from arm_brachy.core.scene import with_mesh
+from arm_brachy.estimation import kf_admm, open_loop, pod, rigid
+from arm_brachy.estimation import map as map_estimator
 from arm_brachy.estimation.kf_admm import KfAdmmParams
+from arm_brachy.estimation.map import MapParams
+from arm_brachy.estimation.pod import PodParams
+
+RIMS = 'breast_rims_800.msh'    # beside the model's mesh, with the rims of the pads as edges
 
 
 @dataclass(frozen=True)
@@ -24,6 +31,16 @@ class Entry:
     thesis: dict = field(default_factory=dict)
 
 
+def on_mesh(name, build):
+    """Return `build` on another mesh than the model's: what the mesh alone is worth.
+
+    name : file beside the model's
+    """
+    def built(scene, *arguments):
+        return build(with_mesh(scene, Path(scene.mesh.file).parent / name), *arguments)
+    return built
+
+
 KF_ADMM = {19: 0.8, 10: 1.1}   # mm, thesis sec. 4.4.2
 OPEN_LOOP = Entry('open_loop', open_loop.build, noisy=False, thesis={19: 1.7, 10: 1.7})
 ESTIMATORS = (
@@ -31,6 +48,12 @@ ESTIMATORS = (
     Entry('rigid', rigid.build),
     Entry('kf_admm', kf_admm.build, thesis=KF_ADMM),
     Entry('kf_admm_white', kf_admm.build, KfAdmmParams(process='white'), thesis=KF_ADMM),
+    Entry('pod', pod.build),
+    Entry('pod_es_mda', pod.build, PodParams(update='es_mda')),
+    Entry('map', map_estimator.build, MapParams(mesh=RIMS)),
+    # not on the model's mesh but on that of `map`
+    Entry('open_loop_rims', on_mesh(RIMS, open_loop.build), noisy=False),
+    Entry('pod_rims', on_mesh(RIMS, pod.build)),
 )
 
 
