@@ -32,7 +32,7 @@ COMMANDS = {  # name -> (module:object, first line of its help)
     'check': ('check:check',
               'Say what a SCENE makes of its mesh, and what in it cannot be meant.'),
     'mesh': ('mesh:mesh', 'Fill a closed SURFACE with tetrahedra.'),
-    'rcm': ('rcm:rcm', 'Kinematics and stiffness of the spherical scissor probe holder.'),
+    'rcm': ('rcm:rcm', 'Pose, stiffness and isotropy of the scissor probe holder.'),
     'terms': ('tables:terms', 'Print the table of physics terms, or all about one of them.'),
     'nodes': ('tables:nodes', 'Print the table of nodes and topics.'),
     'keys': ('tables:keys', 'Print the keys of scenes, scenarios, calibrations and column maps.'),

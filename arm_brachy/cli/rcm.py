@@ -41,7 +41,7 @@ def _with_options(command):
 @click.option('--azimuth-deg', type=float, default=0.0, show_default=True, help='about that axis')
 @json_option
 def rcm(links, polar_deg, azimuth_deg, json_file, **given):
-    """Kinematics and stiffness of the spherical scissor probe holder at a pose.
+    """Pose, stiffness and isotropy of the scissor probe holder.
 
     \b
     Example:
