@@ -35,7 +35,8 @@ COMMANDS = {  # name -> (module:object, first line of its help)
     'rcm': ('rcm:rcm', 'Pose, stiffness and isotropy of the scissor probe holder.'),
     'terms': ('tables:terms', 'Print the table of physics terms, or all about one of them.'),
     'nodes': ('tables:nodes', 'Print the table of nodes and topics.'),
-    'keys': ('tables:keys', 'Print the keys of scenes, scenarios, calibrations and column maps.'),
+    'keys': ('tables:keys',
+             'Print the keys of scenes, scenarios, calibrations, column and topic maps.'),
 }
 
 
