@@ -19,6 +19,7 @@ help:
 setup:
 	@$(PYTHON) -c '' 2>/dev/null || { echo '$(NO_PYTHON)' >&2; exit 2; }
 	@$(PYTHON) launch_scripts/bootstrap.py
+	@$(if $(filter setup,$(MAKECMDGOALS)),echo 'Set up. In every shell: source .venv/bin/activate      then: arm-brachy --help',:)
 
 scenario: setup
 	.venv/bin/arm-brachy run $(SCENARIO)

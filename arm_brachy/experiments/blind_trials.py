@@ -4,6 +4,7 @@ Test: experiments/test_readme.py
 """
 
 import json
+import textwrap
 from dataclasses import dataclass
 
 from scipy.stats import binomtest
@@ -23,6 +24,7 @@ ALIKE = 'alike'           # file of `prove.alike`
 LENGTHS = ('oracle', 'at_states', 'calibrated', 'seen', 'tested')
 MODES = 'absolute', 'null'
 TOGETHER = 5              # trials of a mode
+WIDTH = 105               # columns of a README's text
 
 
 def markdown(results):
@@ -59,6 +61,27 @@ def scores(results):
             line += [last[mode].goals[what], cell(each[-1]), cell(_together(each[-TOGETHER:]))]
         lines.append(f'| {" | ".join(line)} |')
     return '\n'.join(lines)
+
+
+def rate(results):
+    """How often the last TOGETHER trials of each mode were right, in two sentences."""
+    def share(mode, what):
+        rows = [one.rows[what] for one in _scored(results) if one.mode == mode
+                and what in one.rows]
+        return _together(rows[-TOGETHER:])
+
+    right = {mode: share(mode, 'top-1, identifiable singles') for mode in MODES}
+    wrong = {mode: share(mode, 'wrong claims, or no answer') for mode in MODES}
+    said = {mode: (f'{one["count"]} of {one["of"]} ({one["share_percent"]:.0f} %, 95 % interval '
+                   f'{one["low_percent"]:.0f} to {one["high_percent"]:.0f} %)')
+            for mode, one in right.items()}
+    return textwrap.fill(
+        '**How often the diagnosis is right.** Of simulated recordings in which independent code '
+        'had hidden one cause that can be identified, the last five blind trials named the right '
+        f'cause first in {said["absolute"]}, '
+        f'and in {said["null"]} where a sound recording of the same rig was given too. Over all '
+        f'cases a cause was named wrongly, or no answer came, in {wrong["absolute"]["count"]} of '
+        f'{wrong["absolute"]["of"]} and {wrong["null"]["count"]} of {wrong["null"]["of"]}.', WIDTH)
 
 
 @dataclass(frozen=True)

@@ -155,7 +155,7 @@ BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _s
             'diagnosis': _diagnosis, 'laboratories': _laboratories,
             'faults': _dome_faults, 'gel': _gel_block, 'cylinder': _half_cylinder,
             'trials': blind_trials.markdown, 'scores': blind_trials.scores,
-            'baselines': blind_trials.baselines,
+            'baselines': blind_trials.baselines, 'rate': blind_trials.rate,
             'hides': blind_trials.hidden, 'alike': blind_trials.alike}
 
 
