@@ -60,11 +60,16 @@ def check(scene, picture, bags, json_file):
     for fault in faults:
         console.print(f'wrong    {fault}', style='bold red', highlight=False, markup=False)
     if picture and body is not None:
-        scene_plate(_drawn(described, body), [fault.name for fault in faults]).save(picture)
+        scene_plate(_drawn(described, body), _names(faults, 'marker', 'target'),
+                    _names(faults, 'pads')).save(picture)
         console.print(f'picture  {picture}', highlight=False)
     if faults:
         raise ArmBrachyError(f'{scene}: {len(faults)} of its values cannot be meant; mend them '
                              'and check again')
+
+
+def _names(faults, *kinds):
+    return {fault.name for fault in faults if fault.kind in kinds}
 
 
 def _judged(scene):

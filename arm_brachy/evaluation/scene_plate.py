@@ -37,11 +37,12 @@ class SceneBody(Body):
 
 
 @styled
-def scene_plate(body, wrong=()):
+def scene_plate(body, wrong=(), wrong_pads=()):
     """The surface of a SceneBody from six sides; what is held, pads, markers, targets by name.
 
     A marker is drawn where the surface under it faces the eye.
-    wrong : names of points and pads that are drawn in red, whatever hides them
+    wrong : names of markers and targets that are drawn in red, whatever hides them
+    wrong_pads : names of pads whose rims are
     """
     faces = boundary_triangles(body.tets)
     figure = new_figure(13.0, 8.9)
@@ -50,7 +51,7 @@ def scene_plate(body, wrong=()):
         draw_surface(axis, view, body.rest, faces)
         _draw_held(axis, view, body, faces)
         for pad in body.pads:
-            _draw_disc(axis, view, pad, body.radii.get(pad.name), pad.name in wrong)
+            _draw_disc(axis, view, pad, body.radii.get(pad.name), pad.name in wrong_pads)
             draw_pad(axis, view, pad, size, pointed_out=False)
         _name_markers(axis, view, body, faces, set(wrong))
         _name_targets(axis, view, body, set(wrong))
@@ -60,7 +61,7 @@ def scene_plate(body, wrong=()):
         axis.margins(0.15)
         if i >= MIRRORED:
             axis.invert_xaxis()
-    figure.legend(handles=_keys(body, wrong), loc='outside upper center', ncols=5)
+    figure.legend(handles=_keys(body, (*wrong, *wrong_pads)), loc='outside upper center', ncols=5)
     return Plate('scene', figure, 'The scene from six sides: what is held, pads and the way they '
                                   'push, markers by their names, targets through the surface.')
 

@@ -60,6 +60,11 @@ class Fault:
     allowed: str
     do: str = ''
 
+    @property
+    def kind(self):
+        """'marker', 'target', 'pads', ...: the first word of what is wrong."""
+        return self.what.split()[0].rstrip(':')
+
     def __str__(self):
         return '; '.join(part for part in (self.what, self.allowed, self.do) if part)
 
@@ -178,7 +183,8 @@ def _hint(body, point, marker, limits):
                     f'{point[axes[0]] * MM * SLIP:.3g} mm?')
     if small.any() and _fits(body, point, np.flatnonzero(small), marker, limits):
         return f'{_mm(point)} mm looks like metres: {_mm(point * SLIP)} mm?'
-    if _fits(body, point / SLIP, (), marker, limits):
+    far = np.abs(point).max() > 10.0 * np.ptp(body.mesh.nodes, axis=0).max()
+    if far and _fits(body, point / SLIP, (), marker, limits):
         return f'{_mm(point)} mm looks like micrometres'
     return 'compare it with the rig, in the frame of the mesh'
 
@@ -234,8 +240,8 @@ def _modulus_hint(E, limits):
 
 
 def _pad_faults(scene, body, limits):
-    """Strokes and pushes: a flat round punch on a half space, E d 2 a / (1 - nu^2), in kind."""
-    E, nu = scene.material.E, scene.material.nu
+    """Strokes beside the body, and pushes of all that have a possible one."""
+    pushed = []
     for patch, pad in zip(scene.pads, body.pads, strict=True):
         name = f'pads {pad.name}'
         if not 0.0 < patch.stroke:
@@ -248,13 +254,27 @@ def _pad_faults(scene, body, limits):
         if patch.stroke > depth:
             yield Fault(pad.name, f'{name}: stroke_mm = {patch.stroke * MM:g}',
                         f'must be less than the {depth * MM:.3g} mm of body before it')
-        force = 2.0 * E * patch.radius * patch.stroke / (1.0 - nu**2)
-        if not limits.weakest <= force <= limits.strongest and (
-                limits.softest <= E <= limits.stiffest):
-            yield Fault(pad.name, f'{name}: with E_kPa = {E * KPA:g} a push of '
-                        f'{patch.stroke * MM:g} mm takes some {force:.2g} N',
-                        f'must be {limits.weakest:g} to {limits.strongest:g} N',
-                        'is E in kPa, are radius and stroke in mm?')
+            continue
+        pushed.append(patch)
+    yield from _push_faults(pushed, scene.material, limits)
+
+
+def _push_faults(patches, material, limits):
+    """At most one: who cannot be pushed, by a flat round punch, 2 a d E / (1 - nu^2), in kind.
+
+    Source: Johnson 1985, Contact Mechanics, sec. 3.4.
+    """
+    E = material.E
+    if not limits.softest <= E <= limits.stiffest:
+        return      # told of the material
+    force = {p: 2.0 * E * p.radius * p.stroke / (1.0 - material.nu**2) for p in patches}
+    odd = [p for p in patches if not limits.weakest <= force[p] <= limits.strongest]
+    if odd:
+        name, more = odd[0].name, f' and {len(odd) - 1} more' if len(odd) > 1 else ''
+        yield Fault(name, f'pads {name}{more}: with E_kPa = {E * KPA:g} a push of '
+                    f'{odd[0].stroke * MM:g} mm takes some {force[odd[0]]:.2g} N',
+                    f'must be {limits.weakest:g} to {limits.strongest:g} N',
+                    'is E in kPa, are radius and stroke in mm?')
 
 
 def _load_faults(scene, body, limits):

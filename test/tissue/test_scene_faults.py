@@ -65,7 +65,7 @@ def test_nothing_is_wrong_in_what_is_shipped(path):
 
 
 @pytest.mark.parametrize('scene, name, words', [
-    (marked(30, 20, 55), 'm', '25 mm off the surface'),
+    (marked(30, 20, 55), 'm', '25 mm off the surface.*compare it with the rig'),
     (marked(30, 20, 18), 'm', '12 mm inside the body'),
     (marked(30, 20, 0.030), 'm', r'z = 0.03 mm looks like metres: 30 mm\?'),
     (marked(0.030, 0.020, 0.030), 'm', r'looks like metres'),
