@@ -4,7 +4,8 @@ Blocks of one kind are told by the comment before them:
     set-up              make; looked at without being done, as a test runs inside what it makes
     ROS machine         an Ubuntu with ROS 2; the build is test_colcon_build.py's
     laboratory          a laboratory's files, which are made here
-    laboratory, long    the same, of minutes and hours: every command's words are parsed
+    long, and laboratory, long      of minutes and hours: every command's words are parsed, its
+                        scenarios are run by test_shipped_scenarios.py
     node, node, second shell    together, with the Python block between them
 All others run in a folder like a clone's, its scenarios cut short.
 """
@@ -34,6 +35,8 @@ TEXT = (ROOT / 'README.md').read_text(encoding='utf-8')
 BLOCK = re.compile(r'(?:<!-- ([a-zA-Z, -]+) -->\n)?```(\w+)\n(.*?)```', re.DOTALL)
 BLOCKS = [(m[1] or '', m[2], m[3]) for m in BLOCK.finditer(TEXT)]
 SIZE = (0.1, 0.09, 0.06)    # m, of the phantom, on z = 0
+BRIEF = {'tasks': {'duration_s': 5.0, 'displacement_mm': [-2, 0, 0]},
+         'moves': {'hold_s': 0.2, 'cycles': 0}}
 T = np.arange(0.0, 6.0, 0.02)
 PUSH = np.interp(T, [0, 1, 2, 4, 5, 6], [0, 0, 4, 4, 0, 0])    # mm, of the eastern pad
 
@@ -60,15 +63,13 @@ def bash(text, folder):
 
 @pytest.fixture
 def clone(tmp_path):
-    """A folder with config/ as in the repository, every scenario cut to a second or two."""
+    """A folder with config/ as in the repository, every scenario cut to some seconds."""
     shutil.copytree(ROOT / 'config' / 'scenes', tmp_path / 'config' / 'scenes')
     (tmp_path / 'config' / 'scenarios').mkdir()
     for path in (ROOT / 'config' / 'scenarios').glob('*.yaml'):
         body = yaml.safe_load(path.read_text(encoding='utf-8'))
         body.update(settle_s=0.5, **{key: [{**one, **brief} for one in body[key][:1]]
-                                     for key, brief in (('tasks', {'duration_s': 1.0}),
-                                                        ('moves', {'hold_s': 0.2, 'cycles': 0}))
-                                     if key in body})
+                                     for key, brief in BRIEF.items() if key in body})
         (tmp_path / 'config' / 'scenarios' / path.name).write_text(yaml.safe_dump(body))
     return tmp_path
 
@@ -110,7 +111,7 @@ def write_table(path, names, *columns):
 
 
 def test_every_block_is_of_a_kind_that_is_run():
-    kinds = {'', 'set-up', 'ROS machine', 'laboratory', 'laboratory, long', 'node',
+    kinds = {'', 'set-up', 'ROS machine', 'laboratory', 'laboratory, long', 'long', 'node',
              'node, second shell'}
     assert {name for name, lang, _ in BLOCKS if lang == 'bash'} == kinds
     assert {lang for _, lang, _ in BLOCKS} == {'bash', 'python', 'yaml'}
@@ -154,7 +155,7 @@ def test_the_recipe_runs_from_files_to_a_replay(laboratory):
         assert f'report_{stream}.html' in printed
 
 
-@pytest.mark.parametrize('text', blocks('laboratory, long'))
+@pytest.mark.parametrize('text', [*blocks('laboratory, long'), *blocks('long')])
 def test_words_of_a_long_command_are_those_it_knows(text):
     for line in text.replace('\\\n', ' ').splitlines():
         program, name, *rest = shlex.split(line, comments=True)
@@ -162,6 +163,7 @@ def test_words_of_a_long_command_are_those_it_knows(text):
         if isinstance(command, click.Group):
             command, rest = command.commands[rest[0]], rest[1:]
         assert program == 'arm-brachy' and command.make_context(name, rest).params
+        assert all((ROOT / word).is_file() for word in rest if word.startswith('config/'))
 
 
 def test_one_node_in_one_shell_moves_for_another(clone, ros_domain_id):
