@@ -97,8 +97,19 @@ def load_evidence(bags, scene, zero=None):
     """
     bags = list(bags)
     scenes = [scene] * len(bags) if isinstance(scene, Scene) else scene
-    return tuple(evidence_of(load_run(bag, measured=True), one, samples=SAMPLES // len(bags),
-                             zero=zero) for bag, one in zip(bags, scenes, strict=True))
+    return tuple(_with_note(bag, evidence_of(load_run(bag, measured=True), one, zero=zero,
+                                             samples=SAMPLES // len(bags)))
+                 for bag, one in zip(bags, scenes, strict=True))
+
+
+def _with_note(bag, evidence):
+    """The Evidence with a note on the channels of its bag that hold no ROS 2 messages."""
+    with BagReader(bag) as reader:
+        left = reader.left_out
+    if not left:
+        return evidence
+    note = f'channels of {bag} without ROS 2 messages were left out: {", ".join(left)}'
+    return replace(evidence, notes=(*evidence.notes, note))
 
 
 def told_apart(evidences, bags):

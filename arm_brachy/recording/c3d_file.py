@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from arm_brachy.core.errors import RecordingError
+from arm_brachy.core.guard import guarded
 from arm_brachy.recording.c3d_parameters import BLOCK, read_sections
 
 # Groups of POINT that name results of a body model kept among the points.
 MODEL_OUTPUTS = ('ANGLES', 'FORCES', 'MOMENTS', 'POWERS', 'SCALARS', 'REACTIONS')
 SATURATED = 65535   # largest frame number that header and POINT:FRAMES hold
-SAME_RATE = 1e-3    # relative: 119.88 and 120 Hz are two rates, 119.88 and 119.880119 one
+SAME_RATE = 5e-4    # relative: 119.88 and 120 Hz are two rates, 119.88 and 119.880119 one
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,8 @@ def read_file(path):
         raise RecordingError(f'{path}: cannot be read: {error.strerror}') from None
     head = bytes(data[:2 * 256 * BLOCK])  # parameters begin in one of 255 blocks and fill 255
     header, parameters, numbers = read_sections(path, head)
-    layout, notes = _layout(path, header, parameters, len(data))
+    with guarded(path, RecordingError, 'a readable C3D file', 'export it again'):
+        layout, notes = _layout(path, header, parameters, len(data))
     labels, more = _labels(parameters, layout.points)
     scale = parameters.number('POINT', 'SCALE')
     scale = abs(header.scale if scale is None else scale)
@@ -107,7 +109,7 @@ def _layout(path, header, parameters, size):
                 f'{path}: says {chosen.frames} frames of {chosen.row * chosen.word} bytes from '
                 f'byte {chosen.start}; the file has {max(room, 0)} bytes there: it is cut short '
                 'or damaged; export it again')
-        return _with_the_rest(path, chosen, header, room)
+        return _with_the_rest(chosen, header, room)
     fitting = [c for c in choices if c.start >= 2 * BLOCK and c.frames > 0
                and 0 <= size - c.start - c.size < BLOCK]
     differing = '; '.join(f'{name} {" or ".join(str(v) for v in values)}'
@@ -116,12 +118,12 @@ def _layout(path, header, parameters, size):
         raise RecordingError(f'{path}: header and parameters differ ({differing}) and '
                              f'{len(fitting)} of the {len(choices)} readings fill the file of '
                              f'{size} bytes; must be one; export it again')
-    return fitting[0], (f'{path}: header and parameters differ ({differing}); read as what fills '
+    return fitting[0], (f'header and parameters differ ({differing}); read as what fills '
                         f'the file: {fitting[0].frames} frames of {fitting[0].points} points and '
                         f'{fitting[0].analog} analog values',)
 
 
-def _with_the_rest(path, layout, header, room):
+def _with_the_rest(layout, header, room):
     """The layout, with the frames beyond the last number that can be stated, and notes."""
     left = room - layout.size
     if left < BLOCK:
@@ -129,8 +131,8 @@ def _with_the_rest(path, layout, header, room):
     if header.last == SATURATED and layout.frames < SATURATED + 1:
         frames = room // (layout.row * layout.word)
         return replace(layout, frames=frames), (
-            f'{path}: states {layout.frames} frames, the most it can; holds {frames}, all read',)
-    return layout, (f'{path}: {left} bytes after the last frame are left out',)
+            f'states {layout.frames} frames, the most it can; holds {frames}, all read',)
+    return layout, (f'{left} bytes after the last frame are left out',)
 
 
 def _stated(header, parameters):
@@ -208,14 +210,12 @@ def _model_outputs(parameters):
 
 
 def _rate(path, header, parameters):
-    rate, second = header.rate, parameters.number('POINT', 'RATE')
-    if second and not rate > 0.0:
-        rate = second
+    rate = parameters.number('POINT', 'RATE') or header.rate
     if not 0.0 < rate < np.inf:
         raise RecordingError(f'{path}: frame rate {rate:g} Hz; must be > 0')
-    if second and not abs(second / rate - 1.0) <= SAME_RATE:
-        raise RecordingError(f'{path}: frame rate {rate:g} Hz in the header, {second:g} Hz in '
-                             'POINT:RATE; must be the same; export it again')
+    if header.rate > 0.0 and not abs(header.rate / rate - 1.0) <= SAME_RATE:
+        raise RecordingError(f'{path}: frame rate {header.rate:g} Hz in the header, {rate:g} Hz '
+                             'in POINT:RATE; must be the same; export it again')
     return rate
 
 

@@ -111,7 +111,7 @@ def read_sections(path, data):
 
 
 def _header(block, numbers):
-    words = numbers.integers(block[2:20]).astype(int)
+    words = numbers.integers(block[2:20]).tolist()
     scale, rate = (float(numbers.floats(block[k:k + 4])[0]) for k in (12, 20))
     return Header(words[0], words[1], words[2], words[3], scale, words[7], words[8], rate)
 

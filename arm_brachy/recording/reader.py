@@ -3,6 +3,7 @@
 import difflib
 import hashlib
 import struct
+import zlib
 from collections import defaultdict
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import zstandard
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.stream_reader import CRCValidationError
 from mcap.writer import MCAP0_MAGIC
@@ -20,6 +22,11 @@ from mcap_ros2.decoder import DecoderFactory
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.guard import MALFORMED, one_line
 from arm_brachy.recording.canonical import Canonical
+
+FOOTER = struct.Struct('<BQQQI')  # opcode, length, starts of index and of offsets, checksum
+# What the MCAP, compression and message libraries raise on damaged bytes.
+DAMAGED = (McapError, CRCValidationError, zstandard.ZstdError, InvalidSpecification, InvalidValue,
+           NameError, *MALFORMED)
 
 
 @dataclass(frozen=True)
@@ -210,6 +217,23 @@ def _require_complete(path):
         raise RecordingError(f'{path}: is not an MCAP file: it starts with {head!r}')
     if tail != MCAP0_MAGIC or size < 2 * len(MCAP0_MAGIC):
         raise RecordingError(f'{path}: truncated, the recorder did not finish; {_mend(path)}')
+    _require_sound_index(path, size)
+
+
+def _require_sound_index(path, size):
+    """Refuse an index that its checksum (0 = none) does not fit; `SeekingReader` does not look."""
+    end = size - len(MCAP0_MAGIC)
+    with path.open('rb') as stream:
+        stream.seek(max(0, end - FOOTER.size))
+        footer = stream.read(FOOTER.size)
+        if len(footer) < FOOTER.size or footer[0] != Opcode.FOOTER:
+            raise RecordingError(f'{path}: damaged (no footer); {_mend(path)}')
+        *_, start, _, crc = FOOTER.unpack(footer)
+        if not crc:
+            return
+        stream.seek(min(start, end))
+        if zlib.crc32(stream.read(end - stream.tell())[:-4]) != crc:
+            raise RecordingError(f'{path}: damaged (checksum of the index); {_mend(path)}')
 
 
 def _mend(path):
@@ -221,8 +245,7 @@ def _readable(path):
     """Turn what the MCAP and compression libraries raise on damaged bytes into one line."""
     try:
         yield
-    except (McapError, CRCValidationError, zstandard.ZstdError, InvalidSpecification, InvalidValue,
-            *MALFORMED) as error:
+    except DAMAGED as error:
         problem = one_line(error) or type(error).__name__
         raise RecordingError(f'{path}: damaged ({problem}); {_mend(path)}') from None
 

@@ -12,9 +12,9 @@ from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from arm_brachy.core.errors import RecordingError
-from arm_brachy.core.guard import MALFORMED, guarded
+from arm_brachy.core.guard import one_line
 from arm_brachy.recording import qos
-from arm_brachy.recording.reader import is_ros, mcap_file
+from arm_brachy.recording.reader import DAMAGED, is_ros, mcap_file
 from arm_brachy.recording.writer import BagWriter
 
 FRAME = struct.Struct('<BQ')          # opcode, length of the body (MCAP specification, "Records")
@@ -80,7 +80,7 @@ class _Salvage:
             chunk = Chunk.read(ReadDataStream(BytesIO(body)))
             data, size = get_chunk_data_stream(chunk, validate_crc=True)
             content = data.read(size)
-        except (zstandard.ZstdError, *MALFORMED):
+        except DAMAGED:
             self.damaged_chunks += 1
             return
         yield from self._sound(_unpack(content))
@@ -89,7 +89,7 @@ class _Salvage:
         """Records up to the first that is malformed; that is counted with its chunk."""
         try:
             yield from records
-        except MALFORMED:
+        except DAMAGED:
             self.damaged_chunks += 1
 
     def _cut_short(self, opcode, body):
@@ -172,7 +172,10 @@ def _require_header(stream, path):
     body = stream.read(min(length, path.stat().st_size))
     if len(body) < length:
         raise RecordingError(f'{path}: ends before its header; nothing can be recovered')
-    with guarded(path, RecordingError, 'a readable MCAP file', 'nothing can be recovered'):
+    try:
         profile = Header.read(ReadDataStream(BytesIO(body))).profile
+    except DAMAGED as error:
+        raise RecordingError(f'{path}: damaged header ({one_line(error)}); nothing can be '
+                             'recovered') from None
     if profile != 'ros2':
         raise RecordingError(f"{path}: MCAP profile {profile!r}; must be 'ros2'")

@@ -50,6 +50,8 @@ def _load(source, where):
     faces = np.asarray(faces, dtype=np.int64)
     if len(faces) == 0:
         raise MeshError(f'{where}: 0 triangles; must be a closed triangulated surface')
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise MeshError(f'{where}: corners have shape {vertices.shape}; must be (n, 3)')
     if not np.isfinite(vertices).all():
         raise MeshError(f'{where}: a corner is not finite; every coordinate must be a number')
     if not (faces.min() >= 0 and faces.max() < len(vertices)):

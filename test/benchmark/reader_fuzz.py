@@ -413,7 +413,7 @@ def mcap_ours(path):
     with BagReader(path) as bag:
         bag.attachments()
         bag.metadata()
-        found = {topic: [] for topic in bag.topics()}
+        found = {'notes': bag.left_out, **{topic: [] for topic in bag.topics()}}
         for record, _ in bag.messages():
             found[record.topic].append((record.log_time_ns, bytes(record.data)))
     return found
@@ -429,12 +429,56 @@ def mcap_theirs(path):
     return found
 
 
+def inp_seeds(folder):
+    """An Abaqus input file by meshio, and one with a part, an assembly and a set."""
+    box = box_mesh((60.0, 40.0, 20.0), (4, 3, 2))
+    meshio.write(folder / 'seed.inp', meshio.Mesh(box.nodes, [('tetra', box.tets)]))
+    rows = [f'{k + 1}, {x!r}, {y!r}, {z!r}' for k, (x, y, z) in enumerate(box.nodes.tolist())]
+    tets = [f'{k + 1}, ' + ', '.join(map(str, row)) for k, row in enumerate(box.tets + 1)]
+    text = ['*Part, name=P', '*Node', *rows, '*Element, type=C3D4H', *tets,
+            '*Nset, nset=A, generate', '1, 9, 2', '*End Part', '*Assembly, name=A',
+            '*Instance, name=I, part=P', '1., 2., 3.', '*End Instance', '*End Assembly', '']
+    return [(folder / 'seed.inp').read_bytes(), '\n'.join(text).encode()]
+
+
+def bdf_seeds(folder):
+    """Nastran bulk data by meshio, in two layouts."""
+    box = box_mesh((60.0, 40.0, 20.0), (4, 3, 2))
+    found = []
+    for layout in ('fixed-large', 'fixed-small'):
+        meshio.nastran.write(folder / 'seed.bdf', meshio.Mesh(box.nodes, [('tetra', box.tets)]),
+                             point_format=layout)
+        found.append((folder / 'seed.bdf').read_bytes())
+    return found
+
+
+def npz_seeds(folder):
+    """Arrays of a mesh."""
+    box = box_mesh((60.0, 40.0, 20.0), (4, 3, 2))
+    np.savez(folder / 'seed.npz', nodes=box.nodes, tets=box.tets, **box.node_sets)
+    return [(folder / 'seed.npz').read_bytes()]
+
+
+def surface_seeds(kind):
+    """A function that makes a sphere in a format of trimesh's."""
+    def seeds(_):
+        data = _sphere().export(file_type=kind)
+        return [data.encode() if isinstance(data, str) else data]
+    return seeds
+
+
 KINDS = {
     'STL': Kind('.stl', stl_seeds, stl_ours, stl_theirs),
     'MSH': Kind('.msh', msh_seeds, msh_ours, msh_theirs),
     'C3D': Kind('.c3d', c3d_seeds, c3d_ours, c3d_theirs),
     'YAML': Kind('.yaml', yaml_seeds, yaml_ours, yaml_theirs),
     'MCAP': Kind('.mcap', mcap_seeds, mcap_ours, mcap_theirs),
+    'INP': Kind('.inp', inp_seeds, msh_ours),
+    'BDF': Kind('.bdf', bdf_seeds, msh_ours, msh_theirs),
+    'NPZ': Kind('.npz', npz_seeds, msh_ours),
+    'OBJ': Kind('.obj', surface_seeds('obj'), stl_ours, stl_theirs),
+    'PLY': Kind('.ply', surface_seeds('ply'), stl_ours, stl_theirs),
+    'OFF': Kind('.off', surface_seeds('off'), stl_ours, stl_theirs),
 }
 
 

@@ -97,7 +97,7 @@ def test_what_is_no_bag_is_refused_in_one_line(tmp_path, make_bag):
 
 def test_damaged_chunk_is_told_not_read(make_bag, tmp_path):
     data = bytearray(next(make_bag(n=300).glob('*.mcap')).read_bytes())
-    data[len(data) // 3] ^= 0xFF
+    data[data.index(b'\x28\xb5\x2f\xfd') + 30] ^= 0xFF  # in a chunk: how many there are, varies
     (tmp_path / 'bad.mcap').write_bytes(data)
     with pytest.raises(RecordingError, match='damaged'):
         list(BagReader(tmp_path / 'bad.mcap').messages())
@@ -131,3 +131,13 @@ def test_channels_of_no_ros_messages_are_left_out(tmp_path):
     assert list(payload_hashes(path)) == ['/a']
     recover(path, tmp_path / 'new')
     assert payload_hashes(tmp_path / 'new') == payload_hashes(path)
+
+
+def test_a_damaged_index_is_refused(tmp_path):
+    path = with_other_channels(tmp_path / 'x.mcap')
+    data = bytearray(path.read_bytes())
+    at = data.rindex(b'ros2msg')          # in the index; the data section has it before
+    data[at] ^= 0x01
+    path.write_bytes(bytes(data))
+    with pytest.raises(RecordingError, match='checksum of the index.*arm-brachy recover'):
+        BagReader(path)

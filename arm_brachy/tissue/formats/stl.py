@@ -68,4 +68,16 @@ def _text(data, where):
     if not len(words) == 3 * begun == 3 * ended:
         raise MeshError(f'{where}: {begun} facets begin, {ended} end, with {len(words)} corners; '
                         f'must be triangles, all complete: the file is cut short; {ADVICE}')
-    return np.array([[float(decoded(v)) for v in row] for row in words]).reshape(-1, 3)
+    try:
+        return np.array(words).astype(float).reshape(-1, 3)
+    except ValueError:
+        bad = next(v for row in words for v in row if not _is_number(v))
+        raise MeshError(f'{where}: a corner has {decoded(bad)!r}; must be a number with a decimal '
+                        f'point; {ADVICE}') from None
+
+
+def _is_number(word):
+    try:
+        return float(word) is not None
+    except ValueError:
+        return False
