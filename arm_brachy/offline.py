@@ -225,12 +225,13 @@ def load_run(bag, *, measured=False):
         tally = _tally(reader, MEASURED if measured else None)
         origin = reader.metadata().get(PROVENANCE, {})
         kinds = {name: topic.type for name, topic in reader.topics().items()}
-        files = reader.attachments()
+        files, left_out = reader.attachments(), reader.left_out
     force_pads, force = _forces(tally)
     return RunData(
         name=origin.get('name', str(bag)), scenario=files.get('scenario.yaml', b'').decode(),
         seed=int(origin.get('seed', 0)), commit=origin.get('commit', 'unknown'),
         machine=origin.get('machine', 'unknown'), recorded_at=origin.get('start', ''),
+        left_out=left_out,
         tasks=_windows(tally), moves=_moves(tally), truth=_truth(tally), em=_em(tally),
         estimates=_estimates(tally),
         encoder=tally.get('encoder'), command_position=tally.get('command'),

@@ -97,19 +97,8 @@ def load_evidence(bags, scene, zero=None):
     """
     bags = list(bags)
     scenes = [scene] * len(bags) if isinstance(scene, Scene) else scene
-    return tuple(_with_note(bag, evidence_of(load_run(bag, measured=True), one, zero=zero,
-                                             samples=SAMPLES // len(bags)))
-                 for bag, one in zip(bags, scenes, strict=True))
-
-
-def _with_note(bag, evidence):
-    """The Evidence with a note on the channels of its bag that hold no ROS 2 messages."""
-    with BagReader(bag) as reader:
-        left = reader.left_out
-    if not left:
-        return evidence
-    note = f'channels of {bag} without ROS 2 messages were left out: {", ".join(left)}'
-    return replace(evidence, notes=(*evidence.notes, note))
+    return tuple(evidence_of(load_run(bag, measured=True), one, samples=SAMPLES // len(bags),
+                             zero=zero) for bag, one in zip(bags, scenes, strict=True))
 
 
 def told_apart(evidences, bags):
@@ -146,7 +135,8 @@ def evidence_of(run, scene, *, samples=SAMPLES, zero=None):
     scene, units wrong, streams that do not overlap in time, nothing moved.
     Test: diagnosis/structural/test_evidence.py
     """
-    notes = []
+    notes = [f'Channels without ROS 2 messages were left out: {", ".join(run.left_out)}.'
+             ] if run.left_out else []
     base = _base_force(run)
     _note_strange_sensors(run, scene, notes)
     run = with_scene(run, scene)

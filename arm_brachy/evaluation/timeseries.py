@@ -201,6 +201,7 @@ class RunData:
     departures : (t [s], sentence) each time that the mismatch monitor found one
     wall_time : [s] on the clock on the wall between the first and the last message; None = unknown
     recorded_at : date and time as text
+    left_out : topics of channels of the bag that hold no ROS 2 messages
     """
 
     name: str
@@ -223,6 +224,7 @@ class RunData:
     command_position: Series | None = None
     pad_displacement: Series | None = None
     encoder_pads: tuple = ()
+    left_out: tuple = ()
     force: Series | None = None
     force_pads: tuple = ()
     optical: OpticalFrames | None = None

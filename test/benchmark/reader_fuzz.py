@@ -354,13 +354,21 @@ def yaml_seeds(_):
 
 def yaml_ours(path):
     """The file's tree; and the schema of a scene is applied to it."""
-    tree = json.loads(json.dumps(config.read_yaml(path), default=str))
+    tree = _plain(config.read_yaml(path))
     try:
         load_scene(path)
     except InputError as error:
         if '\n' in str(error):
             raise RuntimeError(error) from None
     return tree
+
+
+def _plain(tree):
+    if isinstance(tree, dict):
+        return {str(_plain(key)): _plain(value) for key, value in tree.items()}
+    if isinstance(tree, (list, tuple)):
+        return [_plain(value) for value in tree]
+    return str(tree) if isinstance(tree, str) else tree
 
 
 CORE = (  # scalars of YAML 1.2's core schema, section 10.3.2

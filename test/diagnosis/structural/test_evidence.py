@@ -329,3 +329,9 @@ def test_forces_and_tools_that_feel_nothing_are_in_another_unit(run, scene):
     em = {tool: replace(one, position=1e-3 * one.position) for tool, one in run.em.items()}
     with pytest.raises(RecordingError, match='EM tools stay within|em positions span'):
         evidence_of(replace(run, em=em), scene)
+
+
+def test_channels_that_were_left_out_are_noted(run, scene):
+    assert not any('Channels' in note for note in evidence_of(run, scene).notes)
+    noted = evidence_of(replace(run, left_out=('/log', '/notes')), scene).notes
+    assert 'Channels without ROS 2 messages were left out: /log, /notes.' in noted
