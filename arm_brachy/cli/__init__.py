@@ -24,6 +24,7 @@ COMMANDS = {  # name -> (module:object, first line of its help)
     'reproduce': ('reproduce:reproduce',
                   'Compute one published table or figure, ours beside theirs.'),
     'dataset': ('dataset:dataset', "Solve for states of a SCENE's body, to train networks on."),
+    'train': ('train:train', 'Train the graph network of a data set.'),
     'bench': ('bench:bench', "Time the tissue solvers, ours beside others' in one run."),
     'import': ('imports:import_', "Turn a laboratory's files into bags."),
     'recover': ('bags:recover', 'Save every complete message of a damaged BAG.'),

@@ -16,6 +16,9 @@ from arm_brachy.experiments import (
     figure_4_5,
     figure_4_6,
     figure_4_7,
+    figure_5_7,
+    figure_5_8,
+    figure_5_9,
     import_fuzz,
     model_verification,
     node_errors,
@@ -34,4 +37,5 @@ EXPERIMENTS = {module.NAME: module.reproduce
                              element_accuracy, reduced_model, diagnosis_study, diagnosis_time,
                              diagnosis_laboratories, dome_faults, gel_block, half_cylinder,
                              node_errors, panda_torques, table_4_1, estimate_feedback,
-                             import_fuzz, appendix_a, figure_4_5, figure_4_6, figure_4_7)}
+                             import_fuzz, appendix_a, figure_4_5, figure_4_6, figure_4_7,
+                             figure_5_7, figure_5_8, figure_5_9)}
