@@ -92,7 +92,7 @@ def _points(estimator, push, names, plant, iterations):
     """(iterations, k, 3) estimates; a new frame of the tracker at every tick."""
     seen = session(inside_plants.plant_scene(), push, names, inside_study.SEED,
                    f'{plant}/{"+".join(push.pads)}/0')
-    frames = seen.surfaces[-(len(seen.surfaces) - seen.ends[-2]) + 1:]
+    frames = seen.surfaces[seen.ends[-2] + 1:]   # at the deepest push
     every = KfAdmmParams().iterations
     estimator.reset()
     points = []
@@ -106,7 +106,7 @@ def _points(estimator, push, names, plant, iterations):
 def rows(traces):
     """A row for each experiment and method."""
     return tuple({'experiment': e, 'method': t.method,
-                  'error_at_10_mm': 1e3 * float(t.mean(e)[min(9, len(t.mean(e)) - 1)]),
+                  'error_after_10_iterations_mm': 1e3 * float(t.mean(e)[9]),
                   'error_at_end_mm': 1e3 * float(t.mean(e)[-1]),
                   'converged_after_iterations': t.converged(e),
                   'thesis_converged_after_iterations': THESIS.get(t.method)}
