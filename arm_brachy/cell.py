@@ -4,7 +4,7 @@ The nodes and the in-process loop build what they need here and nowhere else, so
 the same objects. Nothing here knows ROS.
 """
 
-import importlib.util
+import importlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -235,10 +235,8 @@ def build_estimator(cell, name):
         raise ConfigError(f'{cell.path}: scene {scene.name} has {len(targets)} targets and '
                           f'{len(markers)} markers on tissue; {name}_estimator needs a target and '
                           f'{params.fewest:g} markers')
-    if importlib.util.find_spec(ESTIMATORS[name]) is None:
-        raise ConfigError(f'{cell.path}: {name}_estimator is not in this version')
     estimator = importlib.import_module(ESTIMATORS[name]).build(
-        scene, terms, targets, markers, getattr(cell.scenario, name, None))
+        scene, terms, targets, markers, getattr(cell.scenario, name))
     optical = cell.scenario.optical
     tracker = optical.noise / np.sqrt(3.0), optical.calibration_error / np.sqrt(3.0)
     mesh = getattr(estimator, 'mesh', None)   # most estimate on the model's own

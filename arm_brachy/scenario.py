@@ -25,6 +25,7 @@ from arm_brachy.devices.actuator_driver import ActuatorParams
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
+from arm_brachy.estimation.graph_vae.params import GraphVaeParams
 from arm_brachy.estimation.kf_admm import KfAdmmParams
 from arm_brachy.estimation.live import EstimationParams
 from arm_brachy.estimation.map import MapParams, own_mesh
@@ -114,6 +115,7 @@ class Scenario:
     estimation: EstimationParams = field(default_factory=EstimationParams)
     map: MapParams = field(default_factory=MapParams)
     pod: PodParams = field(default_factory=PodParams)
+    graph_vae: GraphVaeParams = field(default_factory=GraphVaeParams)
     kf_admm: KfAdmmParams = field(default_factory=KfAdmmParams)
     limits: Limits = field(default_factory=Limits)
     tasks: tuple[Task, ...] = ()

@@ -50,7 +50,7 @@ class StandIn:
 @pytest.fixture(scope='module', autouse=True)
 def stand_in():
     """Every run of this file builds it as estimator 'pod'."""
-    module = SimpleNamespace(__spec__=True, build=lambda *args: StandIn(*args[:4]))
+    module = SimpleNamespace(build=lambda *args: StandIn(*args[:4]))
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, 'stand_in_estimator', module)
         patch.setitem(cells.ESTIMATORS, 'pod', 'stand_in_estimator')
