@@ -35,7 +35,7 @@ TEXT = (ROOT / 'README.md').read_text(encoding='utf-8')
 BLOCK = re.compile(r'(?:<!-- ([a-zA-Z, -]+) -->\n)?```(\w+)\n(.*?)```', re.DOTALL)
 BLOCKS = [(m[1] or '', m[2], m[3]) for m in BLOCK.finditer(TEXT)]
 SIZE = (0.1, 0.04, 0.06)    # m, of the phantom, on z = 0
-BRIEF = {'tasks': {'duration_s': 5.0, 'displacement_mm': [-2, 0, 0]},
+BRIEF = {'tasks': {'duration_s': 4.0, 'displacement_mm': [-1, 0, 0]},
          'moves': {'hold_s': 0.2, 'cycles': 0}}
 T = np.arange(0.0, 3.0, 0.02)
 PUSH = np.interp(T, [0, 0.5, 1, 1.5, 2, 3], [0, 0, 4, 4, 0, 0])    # mm, of the eastern pad
@@ -56,7 +56,7 @@ def activated():
 def bash(text, folder):
     """Run a block as a shell would; returns what it printed."""
     done = subprocess.run(['bash', '-e', '-c', text], cwd=folder, text=True, capture_output=True,
-                          timeout=400, check=False, env=activated())
+                          timeout=900, check=False, env=activated())
     assert done.returncode == 0, f'{text}\n{done.stdout}\n{done.stderr}'
     return done.stdout
 
