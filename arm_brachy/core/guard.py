@@ -10,6 +10,7 @@ import signal
 import struct
 import subprocess
 import sys
+import tokenize
 import zipfile
 import zlib
 from contextlib import contextmanager
@@ -18,7 +19,7 @@ from pathlib import Path
 # What parsers raise on bytes that are not what they take them for.
 MALFORMED = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, OSError,
              EOFError, MemoryError, RecursionError, NotImplementedError, AssertionError,
-             SyntaxError, struct.error, zlib.error, zipfile.BadZipFile)
+             SyntaxError, tokenize.TokenError, struct.error, zlib.error, zipfile.BadZipFile)
 LONGEST = 300                   # characters of a foreign message that are passed on
 MEMORY, MEMORY_PER_BYTE = 768e6, 30.0   # bytes of address space; 300 MB are the libraries'
 SECONDS, SECONDS_PER_BYTE = 3.0, 4e-6   # of processor time; one is the interpreter's start

@@ -36,8 +36,7 @@ def read_nastran(data, where):
         elif name == 'GRDSET' and fields[1].strip() not in ('', '0'):
             _refuse(where, f'GRDSET with coordinate system {fields[1].strip()}')
         elif name == 'CTETRA':
-            numbers = [int(v) for v in fields[1:12] if v.strip()]
-            tets.append((numbers[0], numbers[1:]))
+            tets.append((int(fields[1] or 0), [int(v) for v in fields[2:12] if v.strip()]))
         elif name in SOLIDS:
             solids[name] = solids.get(name, 0) + 1
         elif name in SKINS or name in RODS:

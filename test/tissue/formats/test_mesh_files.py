@@ -209,6 +209,12 @@ def test_nastran(tmp_path, box, layout, order):
     assert len(mesh.node_sets['volume_4']) == len(box.nodes)
 
 
+def test_what_meshio_writes_as_nastran_has_no_property(tmp_path, box):
+    raw = meshio.Mesh(box.nodes, [('tetra', box.tets)])
+    meshio.nastran.write(tmp_path / 'm.bdf', raw)
+    assert np.array_equal(load_mesh(tmp_path / 'm.bdf', 'mm').tets, box.tets)
+
+
 def test_nastran_in_systems_of_its_own_is_refused(tmp_path, box):
     with pytest.raises(MeshError, match='GRID 1 in coordinate system 3'):
         load_mesh(save(tmp_path / 'm.bdf', nastran(box, system='3')), 'mm')
