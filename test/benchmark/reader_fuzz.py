@@ -32,6 +32,7 @@ import numpy as np
 import trimesh
 import yaml
 from rosbags.rosbag2.storage_mcap import McapReader
+from ruamel.yaml.comments import TaggedScalar
 
 from arm_brachy.core import config
 from arm_brachy.core.errors import InputError
@@ -368,6 +369,8 @@ def _plain(tree):
         return {str(_plain(key)): _plain(value) for key, value in tree.items()}
     if isinstance(tree, (list, tuple)):
         return [_plain(value) for value in tree]
+    if isinstance(tree, TaggedScalar):      # a bare `=`
+        return tree.value
     return str(tree) if isinstance(tree, str) else tree
 
 
