@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-SCRIPT = Path(__file__).parent / 'benchmark' / 'reader_fuzz.py'
+SCRIPT = Path(__file__).resolve().parents[1] / 'benchmark' / 'reader_fuzz.py'
 
 
 def test_no_damage_ends_in_a_traceback_or_in_other_values(tmp_path):
