@@ -45,8 +45,11 @@ optical:
 """
 
 
-def reproduce(folder, mutants=MUTANTS, seed=SEED):
-    """Return the Result: mutants, how they ended, and the slowest, by kind of file."""
+def reproduce(out_dir, mutants=MUTANTS, seed=SEED):
+    """Return the Result: mutants, how they ended, and the slowest, by kind of file.
+
+    out_dir : receives nothing but the result that the command writes
+    """
     rng, rows, silent, other = stream(seed, NAME), [], 0, []
     bases = _bases()
     kinds = sorted(bases)
