@@ -53,7 +53,7 @@ def check(scene, picture, bags, json_file):
         faults = (*faults, *stroke_faults(described, travels))
     result = summary(described.name, rows)
     result.table(console)   # not `show`: body, pads and points have columns of their own
-    for note in body.mesh.notes:
+    for note in () if body is None else body.mesh.notes:
         console.print(f'note  {note}', markup=False, highlight=False)
     if json_file:
         replace(result, rows=(*rows, *map(asdict, faults))).to_json(json_file)
