@@ -130,7 +130,7 @@ def draw(done):
                     color=style.colour(i + 1), label=f'plant {plant}' if y == 0 else None)
         theirs = inside_estimators.entry(name).thesis.get(count)
         if theirs is not None:
-            ax.plot(theirs, y, 'x', color=style.GOAL, markersize=7, markeredgewidth=2,
+            ax.plot(theirs, y, 'x', color=style.INK, markersize=7, markeredgewidth=2,
                     label='thesis, mean' if y == 0 else None)
     ax.set_yticks(range(len(shown)), [_title(*case) for case in shown])
     ax.invert_yaxis()
