@@ -254,10 +254,9 @@ def test_a_command_for_other_actuators_is_refused(names):
         cells.in_driver_order(names, [0.0] * 4, order)
 
 
-def test_check_tells_of_a_mesh_that_cannot_be_read(tmp_path, files):
-    """`check` judges: what is wrong with the mesh is one of the scene's faults."""
+def test_check_of_a_mesh_that_cannot_be_read_is_bad_input(tmp_path, files):
     (tmp_path / 'cut.msh').write_text('$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 9 1 9\n')
     files(scene=lambda scene: scene.update(mesh={'file': 'cut.msh', 'unit': 'mm'}))
     answer = CliRunner().invoke(main, ['check', str(tmp_path / 'scene.yaml')])
-    assert answer.exit_code == 1 and isinstance(answer.exception, SystemExit), answer.output
+    assert answer.exit_code == 2 and isinstance(answer.exception, SystemExit), answer.output
     assert 'not a readable Gmsh file' in ' '.join((answer.stdout + answer.stderr).split())

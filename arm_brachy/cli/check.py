@@ -13,7 +13,8 @@ from arm_brachy.diagnosis.figures import body_of
 from arm_brachy.evaluation.scene_plate import SceneBody, scene_plate
 from arm_brachy.offline import load_run
 from arm_brachy.tissue.build import build_body
-from arm_brachy.tissue.mesh import load_mesh
+from arm_brachy.tissue.mesh import read_mesh
+from arm_brachy.tissue.mesh_check import check_mesh
 from arm_brachy.tissue.scene_check import body_row, pad_rows, point_rows
 from arm_brachy.tissue.scene_faults import Fault, scene_faults, size_faults, stroke_faults
 
@@ -73,11 +74,15 @@ def _names(faults, *kinds):
 
 
 def _judged(scene):
-    """(SoftBody of a Scene, its faults); None where there is none, for one of them."""
+    """(SoftBody of a Scene, its faults); None where there is none, for one of them.
+
+    Raises MeshError for a mesh file that cannot be read: that is bad input, not a fault of values.
+    """
     if not Path(scene.mesh.file).is_file():
         raise InputError(f'{scene.mesh.file}: no such mesh file; named by scene {scene.name}')
+    read = read_mesh(scene.mesh.file, scene.mesh.unit)
     try:
-        mesh = load_mesh(scene.mesh.file, scene.mesh.unit)
+        mesh = check_mesh(read, scene.mesh.file)
         faults = size_faults(scene, mesh)
         if faults:
             return None, faults

@@ -47,13 +47,17 @@ def load_mesh(path, unit='m'):
     read by their corners (`formats.raw`).
     Raises MeshError naming file, element and remedy; see `mesh_check.check_mesh`.
     """
+    return check_mesh(read_mesh(path, unit), str(path))
+
+
+def read_mesh(path, unit='m'):
+    """`load_mesh` without looking at what was read. Raises MeshError if it cannot be read."""
     path = Path(path)
     if not path.is_file():
         raise MeshError(f'{path}: no such file; give the path of a tetrahedral mesh')
     nodes, tets, sets, notes = plain(_raw(path), str(path))
     scaled = np.ascontiguousarray(nodes, dtype=float) * UNITS[unit][0]
-    mesh = TetMesh(scaled, np.ascontiguousarray(tets, dtype=np.int64), sets, notes=notes)
-    return check_mesh(mesh, str(path))
+    return TetMesh(scaled, np.ascontiguousarray(tets, dtype=np.int64), sets, notes=notes)
 
 
 def _raw(path):
