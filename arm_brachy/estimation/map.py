@@ -44,7 +44,8 @@ class MapParams:
     offset: float = quantity(0.09, 'mm', 'sd of the constant error of a marker coordinate',
                              low=1e-4, high=50.0, source='optical tracker: 0.15 mm rms length')
     marker_local: float = quantity(0.55, 'mm', 'sd of what the mesh misses about a marker, times '
-                                   '|F - I|^1.3 there', low=0.0, high=50.0, source=_FITTED)
+                                   'the norm of F - I there to the power 1.3', low=0.0,
+                                   high=50.0, source=_FITTED)
     target_local: float = quantity(0.45, 'mm', 'the same about a target', low=0.0, high=50.0,
                                    source=_FITTED)
     floor: float = quantity(0.03, 'mm', 'sd of the place of a target at rest', low=1e-4, high=10.0,
