@@ -15,12 +15,13 @@ from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene, with_mesh
 from arm_brachy.devices.terms.axis_crosstalk import AxisCrosstalk
 from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
-from arm_brachy.diagnosis.diagnose import STEPS, diagnose
+from arm_brachy.diagnosis.diagnose import diagnose
 from arm_brachy.diagnosis.diagnosis import Provenance
 from arm_brachy.diagnosis.evidence import Evidence
 from arm_brachy.diagnosis.forward import ForwardModel
 from arm_brachy.diagnosis.mesh_errors import EnsembleOptions
 from arm_brachy.diagnosis.page import write_diagnosis
+from arm_brachy.diagnosis.progress import FITS, STEPS
 from arm_brachy.diagnosis.specimen import attach, specimen_of
 from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE, Stream
 from arm_brachy.diagnosis.transmission import Path
@@ -111,10 +112,11 @@ def test_nothing_is_missing_where_nothing_was_planted(record):
     """And what is done meanwhile is told."""
     said = []
     d = diagnose((record(),), source(), meshes=MESHES,
-                 progress=lambda step, _: said.append(step)).diagnosis
+                 progress=lambda step, *_: said.append(step)).diagnosis
     assert d.verdict == 'nothing_missing' and d.causes == () and d.chance > 0.001
     assert all(fit.recalibrated < 1.5 * fit.noise_floor for fit in d.fit)
-    assert list(dict.fromkeys(said)) == list(STEPS)
+    # in their order; no candidate stands out here, so that full fits may be left out
+    assert list(dict.fromkeys(said)) == [s for s in STEPS if s != FITS or s in said]
 
 
 def test_a_body_that_swings_lacks_nothing_where_its_scene_has_inertia(scene):

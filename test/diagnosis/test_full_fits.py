@@ -125,7 +125,7 @@ def test_a_fit_begins_where_that_in_other_noise_ended(monkeypatch):
         assembly = SimpleNamespace(end=end, hypothesis_of=lambda e: (hypotheses[e], None))
         fits = FullFits(assembly, None, ends=ends)
         for causes in (('lump',), ('lump', 'gap'), ('lump',)):
-            fits.of(SimpleNamespace(explanations=causes))
+            fits.of(SimpleNamespace(explanations=causes, causes=causes))
     assert starts == [None, None, 'in quiet', None]
 
 

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.random import stream as draws
 from arm_brachy.diagnosis.colour import Colour
 from arm_brachy.diagnosis.course import UNSURE, course_of
 from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.pad_travel import COMPLIANCE, pad_travels
+from arm_brachy.diagnosis.pad_travel import pad_travels
 from arm_brachy.diagnosis.prepared import prepare
 from arm_brachy.diagnosis.recorded import look
 from arm_brachy.diagnosis.stream import ENCODER
@@ -108,12 +109,13 @@ def test_the_model_is_driven_by_the_encoder_put_right(uneven):
     assert np.std(states.path_q[:, 0] - there) < 0.6 * np.std(shown - there)
 
 
-def test_nothing_pushes_back_harder_than_it_is_pushed(recorded, laboratory):
-    """A force told with the wrong sign: no negative compliance stands in for a gain."""
+def test_a_force_of_the_wrong_sign_is_refused_before_it_passes_for_a_compliance(
+        recorded, laboratory):
     evidence = evidence_of(recorded({'name': 'actuator_compliance', 'compliance_mm_N': 0.125,
                                      'actuators': [0]}), laboratory().scene)
     force = evidence.get('force')
-    sign = np.array([-1.0, 1.0, 1.0])[:, None]      # of all of them it would be refused
+    sign = np.array([-1.0, 1.0, 1.0])[:, None]
     turned = replace(evidence, streams={**evidence.streams,
                                         'force': replace(force, values=sign * force.values)})
-    assert COMPLIANCE not in travels(turned)[0].causes
+    with pytest.raises(RecordingError, match='on pad_0 pull where the pads are pushed in'):
+        travels(turned)
