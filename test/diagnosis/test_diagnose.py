@@ -481,11 +481,12 @@ def test_a_diagnosis_takes_one_thread_of_blas(scene):
     class Stopped(Exception):
         pass
 
-    def progress(step, share):
+    def progress(*so_far):
         seen.extend(one['num_threads'] for one in threadpool_info()
                     if one['user_api'] == 'blas')
         raise Stopped
 
     with threadpool_limits(2), pytest.raises(Stopped):
-        diagnose((SimpleNamespace(scene=scene),), None, progress=progress)
+        diagnose((SimpleNamespace(scene=scene, name='A'),), SimpleNamespace(seed=0),
+                 progress=progress)
     assert seen and set(seen) == {1}
