@@ -28,7 +28,8 @@ scenario: setup
 test: setup
 	.venv/bin/ruff check .
 	.venv/bin/python -m pytest -n 2 --dist loadscope --ignore test/ros -m 'not validate'
-	.venv/bin/python -m pytest test/ros
+	.venv/bin/python -m pytest -n 2 --dist loadfile test/ros -m 'not wall'
+	.venv/bin/python -m pytest test/ros -m wall
 
 validate: setup
 	.venv/bin/python -m pytest -n 2 --dist load -m validate

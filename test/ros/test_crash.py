@@ -13,7 +13,7 @@ from arm_brachy.recording.reader import BagReader
 from arm_brachy.recording.recover import recover
 from arm_brachy.scenario import load_cell
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.wall]
 LOSS_S = 0.25
 GROWTHS = 8  # writes after which a bag holds messages, not only its attachments
 

@@ -17,7 +17,7 @@ from arm_brachy.nodes.ticker import message_type, offered
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState
 from arm_brachy_msgs.srv import SetGoal
 
-pytestmark = [pytest.mark.ros]
+pytestmark = [pytest.mark.ros, pytest.mark.wall]
 
 
 class Rig(Node):

@@ -12,7 +12,7 @@ from arm_brachy.nodes.ticker import offered
 from arm_brachy.scenario import load_cell
 from arm_brachy_msgs.msg import ActuatorCommand
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.wall]
 OF_EVERY_NODE = {'/rosout', '/parameter_events'}
 
 

@@ -17,7 +17,7 @@ from arm_brachy.nodes.ticker import message_type, offered
 from arm_brachy.scenario import load_cell
 from arm_brachy_msgs.msg import SafetyState, TaskState
 
-pytestmark = [pytest.mark.ros]
+pytestmark = [pytest.mark.ros, pytest.mark.wall]
 
 SCENARIO = Path(__file__).with_name('probe_short.yaml')
 MM = 1e-3

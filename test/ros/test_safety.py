@@ -22,7 +22,7 @@ from arm_brachy.nodes.actuator_driver import ActuatorDriverNode
 from arm_brachy.nodes.ticker import message_type, offered
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState, StepOutcome
 
-pytestmark = [pytest.mark.ros]
+pytestmark = [pytest.mark.ros, pytest.mark.wall]
 
 
 class Bench(Node):

@@ -7,7 +7,7 @@ from arm_brachy import graph
 from arm_brachy.offline import load_run
 from arm_brachy.recording.reader import BagReader
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.wall]
 
 
 @pytest.fixture(scope='module')
