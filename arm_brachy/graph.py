@@ -77,6 +77,41 @@ MODEL_TOPOLOGY = Topic('model/mesh/topology', 'arm_brachy_msgs/msg/MeshTopology'
 MODEL_POSITIONS = Topic('model/mesh/positions', 'arm_brachy_msgs/msg/MeshPositions',
                         "the model's nodes")
 
+NEEDLE_COMMAND = Topic('needle/command', 'arm_brachy_msgs/msg/ActuatorCommand',
+                       'how deep the needle shall go, and how its base is turned', 100)
+NEEDLE_STATE = Topic('needle/state', 'sensor_msgs/msg/JointState',
+                     'depth, speed and force of the needle; how its base is turned', 100)
+NEEDLE_TIP = Topic('needle/tip', 'geometry_msgs/msg/PoseStamped',
+                   'tip by depth sensor and template, z along the needle; absent outside the hole',
+                   100)
+PROBE_STATE = Topic('probe/state', 'arm_brachy_msgs/msg/ProbeState',
+                    "what the probe's controller measures, believes and does", 100)
+PROBE_JOINTS = Topic('probe/joint_states', 'sensor_msgs/msg/JointState',
+                     'joints of the arm that holds the probe', 100)
+PROBE_POSE = Topic('probe/pose', 'geometry_msgs/msg/PoseStamped',
+                   'pose of the probe from the encoders: x along the elements, z out of the face',
+                   100)
+PROBE_WRENCH = Topic('probe/wrench', 'geometry_msgs/msg/WrenchStamped',
+                     'tissue on probe, without weight and zero of the sensor, axes of the probe',
+                     100)
+ULTRASOUND_IMAGE = Topic('ultrasound/image', 'sensor_msgs/msg/Image', 'B-mode image', 5)
+ULTRASOUND_OVERLAY = Topic('ultrasound/overlay', 'sensor_msgs/msg/Image',
+                           "the image with the template's holes and the tip marked", 5)
+ULTRASOUND_INFO = Topic('ultrasound/camera_info', 'sensor_msgs/msg/CameraInfo',
+                        'pixels per metre of the image, and its corner', 5)
+ULTRASOUND_TIP = Topic('ultrasound/tip', 'geometry_msgs/msg/PoseStamped',
+                       'tip of the needle found in the image, placed by the encoders of the arm; '
+                       'absent while it is not found')
+SURFACE = Topic('surface/cloud', 'sensor_msgs/msg/PointCloud2', 'skin as a scanner sees it', 1,
+                latched=True)
+TRUTH_NEEDLE = Topic('truth/needle', 'geometry_msgs/msg/PoseArray',
+                     'true shaft of the needle, template to tip, z along it', 100)
+TRUTH_NEEDLE_FORCE = Topic('truth/needle_force', 'geometry_msgs/msg/WrenchStamped',
+                           'tissue on needle', 100)
+TRUTH_PROBE = Topic('truth/probe', 'geometry_msgs/msg/PoseStamped', 'true pose of the probe', 100)
+TRUTH_CONTACT = Topic('truth/probe_contact', 'arm_brachy_msgs/msg/ProbeContact',
+                      'what the tissue answers to the probe', 100)
+
 # Ways to see inside the tissue from markers and encoders; the node is `<name>_estimator`.
 ESTIMATORS = ('kf_admm', 'graph_vae', 'map', 'pod')
 FEEDBACKS = ('em', *ESTIMATORS)   # what the manipulator may hear a target from
@@ -101,11 +136,19 @@ def estimate_positions(name):
                  "the estimator's nodes")
 
 
+# Of a procedure: nobody says them where none of its nodes takes part.
+PROBE_TOPICS = (
+    NEEDLE_COMMAND, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE, PROBE_JOINTS, PROBE_POSE, PROBE_WRENCH,
+    ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP, SURFACE, TRUTH_NEEDLE,
+    TRUTH_NEEDLE_FORCE, TRUTH_PROBE, TRUTH_CONTACT)
 ESTIMATES = tuple(estimate(name) for name in ESTIMATORS)
+ESTIMATED_MESHES = tuple(topic(name) for name in ESTIMATORS
+                         for topic in (estimate_topology, estimate_positions))
 
 TOPICS = (CLOCK, TICK_DONE, SAFETY, TASK, OUTCOME, DIAGNOSTICS, TF, COMMAND, ACTUATORS,
           EM_POSE, EM_STATUS, OPTICAL, WRENCH, MANIPULATION, TRUTH_PADS, TRUTH_POINTS,
           TRUTH_TOPOLOGY, TRUTH_POSITIONS, MODEL_POINTS, MODEL_TOPOLOGY, MODEL_POSITIONS,
+          *PROBE_TOPICS,
           *(topic(name) for name in ESTIMATORS
             for topic in (estimate, estimate_topology, estimate_positions)))
 
@@ -143,8 +186,10 @@ ACTUATOR_DRIVER = NodeSpec(
     services=('~/home', '~/release'))
 TISSUE_SIMULATOR = NodeSpec(
     'tissue_simulator', 'the soft body that plays the patient',
-    publishes=(TRUTH_POINTS, TRUTH_TOPOLOGY, TRUTH_POSITIONS, *EVERYWHERE),
-    subscribes=(TRUTH_PADS,), same=('actuator_driver',))
+    publishes=(TRUTH_POINTS, TRUTH_TOPOLOGY, TRUTH_POSITIONS, TRUTH_NEEDLE_FORCE, TRUTH_CONTACT,
+               *EVERYWHERE),
+    subscribes=(TRUTH_PADS, TRUTH_NEEDLE, TRUTH_PROBE),
+    same=('actuator_driver', 'needle_driver', 'probe_controller'))
 TISSUE_MODEL = NodeSpec(
     'tissue_model', 'the same simulator as model: predicts from encoders what sensors should see',
     publishes=(MODEL_POINTS, MODEL_TOPOLOGY, MODEL_POSITIONS, *EVERYWHERE),
@@ -187,9 +232,14 @@ MPC_MANIPULATOR = NodeSpec(
     previous=('supervisor', 'operator'),
     services=('~/set_goal', '~/abort', '~/hold'))
 OPERATOR = NodeSpec(
-    'operator', "plays the clinician: sets the scenario's goals, sends the pads home",
-    publishes=(TASK, *EVERYWHERE), subscribes=(ACTUATORS, MANIPULATION),
-    same=('actuator_driver', 'mpc_manipulator'))
+    'operator', "plays the clinician: sets the scenario's goals, sends the pads home; conducts a "
+    'procedure',
+    publishes=(TASK, NEEDLE_COMMAND, *EVERYWHERE),
+    subscribes=(ACTUATORS, MANIPULATION, SAFETY, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE,
+                ULTRASOUND_TIP, SURFACE, *ESTIMATES),
+    same=('actuator_driver', 'mpc_manipulator', 'needle_driver', 'probe_controller',
+          'ultrasound_imager', 'surface_scanner', *(n.name for n in ESTIMATOR_NODES)),
+    previous=('supervisor',))
 PUSH_PROTOCOL = NodeSpec(
     'push_protocol', "makes the scenario's moves, without feedback: in place of mpc_manipulator "
     'and operator',
@@ -197,8 +247,37 @@ PUSH_PROTOCOL = NodeSpec(
     same=('actuator_driver',), previous=('supervisor',), services=('~/resume',))
 SUPERVISOR = NodeSpec(
     'supervisor', 'health, limits, emergency stop: actuators move only while it says run',
-    publishes=(SAFETY, *EVERYWHERE), subscribes=(WRENCH,), same=('force_sensor',),
+    publishes=(SAFETY, *EVERYWHERE),
+    subscribes=(WRENCH, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE),
+    same=('force_sensor', 'needle_driver', 'probe_controller'),
     services=('~/emergency_stop', '~/hold', '~/reset'))
+NEEDLE_DRIVER = NodeSpec(
+    'needle_driver', 'the needle in its hole of the template: simulated motor or hand, and depth '
+    'sensor',
+    publishes=(NEEDLE_STATE, NEEDLE_TIP, TRUTH_NEEDLE, *EVERYWHERE),
+    subscribes=(NEEDLE_COMMAND, SAFETY, TRUTH_NEEDLE_FORCE),
+    previous=('tissue_simulator', 'supervisor', 'operator'), services=('~/release',))
+PROBE_CONTROLLER = NodeSpec(
+    'probe_controller', 'keeps the image plane on the tip at a constant force; the simulated arm '
+    'included',
+    publishes=(PROBE_STATE, PROBE_JOINTS, PROBE_POSE, PROBE_WRENCH, TRUTH_PROBE, *EVERYWHERE),
+    subscribes=(NEEDLE_TIP, SURFACE, *ESTIMATED_MESHES, SAFETY, TRUTH_CONTACT),
+    same=('needle_driver',),
+    previous=('tissue_simulator', 'surface_scanner', 'supervisor', 'operator',
+              *(n.name for n in ESTIMATOR_NODES)),
+    services=('~/follow', '~/retract', '~/hold', '~/release'))
+ULTRASOUND_IMAGER = NodeSpec(
+    'ultrasound_imager', "images, the template's holes over them, and the tip found in them",
+    publishes=(ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP,
+               *EVERYWHERE),
+    subscribes=(TRUTH_TOPOLOGY, TRUTH_POSITIONS, TRUTH_PROBE, TRUTH_CONTACT, TRUTH_NEEDLE,
+                PROBE_POSE, NEEDLE_TIP),
+    same=('tissue_simulator', 'probe_controller', 'needle_driver'))
+SURFACE_SCANNER = NodeSpec(
+    'surface_scanner', 'scans the skin once at the start and on request',
+    publishes=(SURFACE, *EVERYWHERE), subscribes=(TRUTH_TOPOLOGY, TRUTH_POSITIONS),
+    same=('tissue_simulator',), previous=('operator',), services=('~/scan',))
+PROBE_NODES = (NEEDLE_DRIVER, PROBE_CONTROLLER, ULTRASOUND_IMAGER, SURFACE_SCANNER)
 MISMATCH_MONITOR = NodeSpec(
     'mismatch_monitor', 'compares the sensors with the prediction of tissue_model: says which '
     'channel departs, and since when',
@@ -209,17 +288,18 @@ RECORDER = NodeSpec(
     subscribes=tuple(t for t in TOPICS if t is not CLOCK and t is not TICK_DONE),
     same=('actuator_driver', 'tissue_simulator', 'tissue_model', 'em_tracker', 'optical_tracker',
           'force_sensor', *(n.name for n in ESTIMATOR_NODES), 'mpc_manipulator', 'operator',
-          'push_protocol', 'supervisor', 'mismatch_monitor'))
+          'push_protocol', 'supervisor', *(n.name for n in PROBE_NODES), 'mismatch_monitor'))
 
 NODES = (CELL_CLOCK, ACTUATOR_DRIVER, TISSUE_SIMULATOR, TISSUE_MODEL, EM_TRACKER, OPTICAL_TRACKER,
          FORCE_SENSOR, *ESTIMATOR_NODES, MPC_MANIPULATOR, OPERATOR, PUSH_PROTOCOL, SUPERVISOR,
-         MISMATCH_MONITOR, RECORDER)
+         *PROBE_NODES, MISMATCH_MONITOR, RECORDER)
 REPLAYER = 'replayer'  # stands in for the clock and for absent nodes; it is no part of a cell
 COMPARISON = (TISSUE_MODEL, MISMATCH_MONITOR)   # run beside a cell, or on a recording
 # A full run of a scenario with tasks that hears the EM tracker, and of one with moves.
-CELL = tuple(n.name for n in NODES if n not in (*COMPARISON, *ESTIMATOR_NODES, PUSH_PROTOCOL))
+CELL = tuple(n.name for n in NODES if n not in (
+    *COMPARISON, *ESTIMATOR_NODES, *PROBE_NODES, PUSH_PROTOCOL))
 PROBING_CELL = tuple(n.name for n in NODES if n not in (
-    *COMPARISON, *ESTIMATOR_NODES, MPC_MANIPULATOR, OPERATOR))
+    *COMPARISON, *ESTIMATOR_NODES, *PROBE_NODES, MPC_MANIPULATOR, OPERATOR))
 PUSHING = (ACTUATOR_DRIVER, FORCE_SENSOR, MPC_MANIPULATOR)  # nothing to do without a pad
 
 
@@ -231,6 +311,8 @@ def cell_of(scenario, pads=True):
     """
     wanted = set(PROBING_CELL if scenario.moves else CELL)
     wanted |= {f'{name}_estimator' for name in estimators_of(scenario)}
+    if scenario.procedure is not None:
+        wanted |= {n.name for n in PROBE_NODES}
     if not scenario.moves and scenario.feedback != 'em':
         wanted.discard(EM_TRACKER.name)
     if not pads:
@@ -261,8 +343,18 @@ def readers(topic_name, peers):
 
 def instances(tools, pads, targets=()):
     """Every topic that the recorder keeps, templates filled in by EM tools, pads and targets."""
+    return _filled(RECORDER.subscribes, tools, pads, targets)
+
+
+def received(row, peers, *, tools=(), pads=(), targets=()):
+    """Topics of a NodeSpec that somebody among `peers` publishes, templates filled in."""
+    return tuple(t for t in _filled(row.subscribes, tools, pads, targets)
+                 if writers(t.name, set(peers) - {row.name}))
+
+
+def _filled(topics, tools, pads, targets):
     out = []
-    for topic in RECORDER.subscribes:
+    for topic in topics:
         names = {'{tool}': tools, '{pad}': pads, '{target}': targets}
         field = next((f for f in names if f in topic.name), None)
         out += [topic] if field is None else [topic.at(**{field.strip('{}'): n})
@@ -280,7 +372,13 @@ def waiters(name, peers):
 
 
 def writers(topic_name, peers):
-    """Names of the nodes among `peers` that publish a topic, in table order."""
+    """Names of the nodes among `peers` that publish a topic, in table order.
+
+    None for a topic of a procedure where no node of one is among them.
+    """
+    if any(t.matches(topic_name) for t in PROBE_TOPICS) and not {
+            n.name for n in PROBE_NODES} & set(peers):
+        return ()
     return tuple(n.name for n in NODES if n.name in peers
                  and any(t.matches(topic_name) for t in n.publishes))
 

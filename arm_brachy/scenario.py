@@ -16,6 +16,7 @@ from ruamel.yaml import YAML
 from arm_brachy import registry
 from arm_brachy.control.manipulator import ManipulatorParams
 from arm_brachy.control.moves import Move, check_moves
+from arm_brachy.control.procedure_params import ProcedureParams
 from arm_brachy.core import config
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.place import Place, names_of, refuse_twice
@@ -30,6 +31,7 @@ from arm_brachy.estimation.kf_admm import KfAdmmParams
 from arm_brachy.estimation.live import EstimationParams
 from arm_brachy.estimation.map import MapParams, own_mesh
 from arm_brachy.estimation.pod import PodParams
+from arm_brachy.robot.template import TemplateParams
 
 ROS_NAME = re.compile('[A-Za-z][A-Za-z0-9_]*')  # a token of a topic name
 PADS_BY_NUMBER = ('actuators', 'pad', 'carrier')  # parameters of terms that also take names
@@ -82,6 +84,7 @@ class Scenario:
     """One experiment. Keys in the file are these names; `<name>_<unit>` where there is a unit.
 
     tasks : goals that the controller pursues;  moves : or what the pads do without feedback
+    procedure : or needle and probe under the guide `template`; without it the cell has neither
     feedback : where the controller hears the target from: the EM sensor in the tissue, or an
         estimator that sees markers and encoders only, and then there is no EM tracker
     estimators : that run beside, heard by recorder and evaluation alone
@@ -120,6 +123,8 @@ class Scenario:
     limits: Limits = field(default_factory=Limits)
     tasks: tuple[Task, ...] = ()
     moves: tuple[Move, ...] = ()
+    template: TemplateParams = field(default_factory=TemplateParams)
+    procedure: ProcedureParams | None = None
 
 
 @dataclass(frozen=True)
@@ -255,6 +260,8 @@ def _check_scenario(scenario, scene, place):
     refuse_twice(place, names_of(scenario, 'moves'))
     known = [t.name for t in scene.targets]
     goals = {('tasks', i, 'target'): t.target for i, t in enumerate(scenario.tasks)}
+    if scenario.procedure is not None:
+        goals['procedure', 'target'] = scenario.procedure.target
     for keys, name in {**goals, **tools}.items():
         if name not in known:
             raise ConfigError(f'{place(*keys)} = {name!r}; must be a target of scene '
@@ -274,12 +281,36 @@ def _check_scenario(scenario, scene, place):
         raise ConfigError(f"{place('moves')} = {len(scenario.moves)} beside tasks = "
                           f'{len(scenario.tasks)}; must be one or the other: tasks close the '
                           'loop, moves are prescribed')
+    _check_procedure(scenario, scene, place)
     check_moves(scenario.moves, scene, scenario.actuators, scenario.tick, place)
     limit, most = scenario.limits.pad_force, scenario.force.range
     if limit >= most:
         raise ConfigError(f"{place('limits', 'pad_force_N')} = {limit:g}; must be below the "
                           f'{most:g} N of force.range_N: a saturated sensor reads no more, and '
                           'the supervisor would never stop')
+
+
+def _check_procedure(scenario, scene, place):
+    asked = scenario.procedure
+    if asked is None:
+        return
+    for other in ('tasks', 'moves'):
+        if getattr(scenario, other):
+            raise ConfigError(f"{place('procedure')} beside {other} = "
+                              f'{len(getattr(scenario, other))}; must be one of them: a procedure '
+                              'sets its own goals')
+    if not scene.pads:
+        raise ConfigError(f"{place('procedure')}: scene {scene.name} has no pads; needs one at "
+                          'least, to move the target')
+    if not asked.axes or len(set(asked.axes)) < len(asked.axes):
+        raise ConfigError(f"{place('procedure', 'axes')} = {list(asked.axes)}; must be one to "
+                          'three of x, y, z, each once')
+    size = scenario.template.columns, scenario.template.rows
+    if asked.hole and (len(asked.hole) != 2 or not all(  # noqa: PLR2004 - column and row
+            0 <= k < n for k, n in zip(asked.hole, size, strict=True))):
+        raise ConfigError(f"{place('procedure', 'hole')} = {list(asked.hole)}; must be a column "
+                          f'from 0 to {size[0] - 1} and a row from 0 to {size[1] - 1} of the '
+                          'template, or empty: chosen')
 
 
 def _check_estimators(scenario, scene, place):

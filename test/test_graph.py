@@ -9,6 +9,7 @@ from arm_brachy import graph
 
 NAMES = [n.name for n in graph.NODES]
 COMPARED = {'tissue_model', 'mismatch_monitor'}
+PROBING_ARM = {'needle_driver', 'probe_controller', 'ultrasound_imager', 'surface_scanner'}
 ESTIMATING = {'kf_admm_estimator', 'graph_vae_estimator', 'map_estimator', 'pod_estimator'}
 each_node = pytest.mark.parametrize('node', graph.NODES, ids=NAMES)
 
@@ -67,11 +68,12 @@ def test_every_topic_is_in_the_list_and_has_a_writer():
 def test_truth_reaches_devices_and_recorder_only():
     """No estimator, controller or operator may know what a real cell could not tell it."""
     allowed = {graph.ACTUATOR_DRIVER, graph.TISSUE_SIMULATOR, graph.EM_TRACKER,
-               graph.OPTICAL_TRACKER, graph.FORCE_SENSOR, graph.RECORDER}
+               graph.OPTICAL_TRACKER, graph.FORCE_SENSOR, graph.RECORDER, *graph.PROBE_NODES}
     listeners = {n for n in graph.NODES if any(t.name.startswith('truth/') for t in n.subscribes)}
     assert listeners <= allowed
     writers = {n for n in graph.NODES if any(t.name.startswith('truth/') for t in n.publishes)}
-    assert writers == {graph.ACTUATOR_DRIVER, graph.TISSUE_SIMULATOR}
+    assert writers == {graph.ACTUATOR_DRIVER, graph.TISSUE_SIMULATOR, graph.NEEDLE_DRIVER,
+                       graph.PROBE_CONTROLLER}
 
 
 def test_the_recorder_waits_for_everybody_who_speaks():
@@ -120,7 +122,8 @@ def test_an_unknown_node_is_a_bug():
 
 
 def scenario_of(**given):
-    return SimpleNamespace(**({'moves': (), 'tasks': (), 'feedback': 'em', 'estimators': ()}
+    return SimpleNamespace(**({'moves': (), 'tasks': (), 'feedback': 'em', 'estimators': (),
+                               'procedure': None}
                               | given))
 
 
@@ -129,9 +132,10 @@ MARKED = scenario_of(tasks=(1,), feedback='map', estimators=('pod', 'map'))
 
 
 def test_a_full_run_leaves_out_what_only_a_replay_runs_and_what_the_other_kind_needs():
-    assert set(NAMES) - set(graph.cell_of(TASKED)) == {*COMPARED, *ESTIMATING, 'push_protocol'}
-    assert set(NAMES) - set(graph.cell_of(PROBING)) == {*COMPARED, *ESTIMATING, 'mpc_manipulator',
-                                                        'operator'}
+    assert set(NAMES) - set(graph.cell_of(TASKED)) == {*COMPARED, *ESTIMATING, *PROBING_ARM,
+                                                       'push_protocol'}
+    assert set(NAMES) - set(graph.cell_of(PROBING)) == {*COMPARED, *ESTIMATING, *PROBING_ARM,
+                                                        'mpc_manipulator', 'operator'}
     assert graph.cell_of(scenario_of()) == graph.CELL
 
 
@@ -148,6 +152,13 @@ def test_a_cell_that_hears_an_estimator_has_no_sensor_in_the_tissue():
     assert set(graph.CELL) - set(names) == {'em_tracker'}
     assert set(names) - set(graph.CELL) == {'map_estimator', 'pod_estimator'}
     assert 'mpc_manipulator' in graph.readers('estimate/map/target_1', names)
+
+
+def test_a_procedure_takes_needle_arm_image_and_scanner():
+    plain = graph.cell_of(scenario_of(feedback='map'))
+    names = graph.cell_of(scenario_of(feedback='map', procedure=object()))
+    assert set(names) - set(plain) == PROBING_ARM and set(plain) <= set(names)
+    assert graph.writers('needle/command', names) == ('operator',)
 
 
 def test_estimators_run_beside_prescribed_moves_and_em_feedback():
@@ -177,3 +188,10 @@ def test_the_table_has_a_row_for_every_node_and_names_every_topic():
     assert [row[1].strip() for row in cells[2:]] == NAMES
     unmentioned = {t.name for t in graph.TOPICS} - set(re.findall(r'`([^`]+)`', '\n'.join(lines)))
     assert unmentioned == {graph.TICK_DONE.name, graph.OUTCOME.name, graph.DIAGNOSTICS.name}
+
+
+def test_topics_of_a_procedure_are_nobodys_without_its_nodes():
+    for topic in graph.PROBE_TOPICS:
+        assert graph.writers(topic.name, NAMES) and not graph.writers(topic.name, graph.CELL)
+    assert not {t.name for t in graph.received(graph.SUPERVISOR, graph.CELL)} & {
+        t.name for t in graph.PROBE_TOPICS}

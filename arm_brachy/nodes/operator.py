@@ -12,7 +12,7 @@ from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.service_calls import ServiceCalls
 from arm_brachy.nodes.spin import spin_node
-from arm_brachy.nodes.ticker import Ticker, listen_to
+from arm_brachy.nodes.ticker import Ticker
 from arm_brachy_msgs.msg import SafetyState, TaskState
 from arm_brachy_msgs.srv import SetGoal
 
@@ -23,6 +23,7 @@ class OperatorNode(Node):
     At wall pace the first task waits until the supervisor has said RUN for the first time.
 
     in   actuators/state  JointState
+         cell/safety      SafetyState
          manipulation/state  ManipulationState  (its tick comes before ours)
     out  cell/task        TaskState
     calls mpc_manipulator/set_goal, mpc_manipulator/abort, actuator_driver/home
@@ -45,18 +46,16 @@ class OperatorNode(Node):
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
         ticker.unready = self._calls.unready
         self._permitted = setup.lockstep or graph.SUPERVISOR.name not in setup.peers
-        if not self._permitted:
-            listen_to(self, graph.SAFETY, self._on_safety, lockstep=False)
         self._task_pub = ticker.publisher(graph.TASK)
         self._health = Health(self, ticker, self._frame)
-        for topic in graph.OPERATOR.subscribes:
+        targets = [t.name for t in setup.cell.scene.targets]
+        for topic in graph.received(graph.OPERATOR, setup.peers, targets=targets):
             ticker.subscribe(topic)
         ticker.start()
 
-    def _on_safety(self, msg):
-        self._permitted = self._permitted or msg.state == SafetyState.RUN
-
     def _work(self, tick, t_ns, inputs):
+        for msg in inputs.get(graph.SAFETY.name, ()):
+            self._permitted = self._permitted or msg.state == SafetyState.RUN
         for msg in inputs[graph.ACTUATORS.name]:
             self._at_home = at_home(msg.position, msg.velocity)
         if not self._permitted:

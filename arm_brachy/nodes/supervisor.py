@@ -42,8 +42,8 @@ class SupervisorNode(Node):
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
         self._pub = ticker.publisher(graph.SAFETY)
         self._health = Health(self, ticker, self._frame)
-        for pad in self._pads.values():
-            ticker.subscribe(graph.WRENCH.at(pad=pad))
+        for topic in graph.received(graph.SUPERVISOR, setup.peers, pads=self._pads.values()):
+            ticker.subscribe(topic)
         for peer in watched:
             listen_to(self, graph.TICK_DONE.at(node=peer), self._on_alive, lockstep=False)
         self.create_service(Trigger, '~/emergency_stop', self._on_stop)
@@ -63,7 +63,7 @@ class SupervisorNode(Node):
     def _work(self, tick, t_ns, inputs):
         self._now_ns = t_ns
         for name, pad in self._pads.items():
-            for msg in inputs[name]:
+            for msg in inputs.get(name, ()):
                 self._safety.heard(name)
                 self._safety.force(pad, convert.xyz(msg.wrench.force))
         now = time.monotonic()

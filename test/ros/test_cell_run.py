@@ -87,7 +87,8 @@ def test_the_target_reaches_its_goal_and_pads_only_push(bag):
 def test_controllers_and_sensors_never_hear_the_truth():
     """Only the plant's own devices, recorder and evaluation subscribe to truth/..."""
     allowed = {'actuator_driver', 'tissue_simulator', 'em_tracker', 'optical_tracker',
-               'force_sensor', 'recorder'}
+               'force_sensor', 'recorder', 'needle_driver', 'probe_controller',
+               'ultrasound_imager', 'surface_scanner'}
     for node in graph.NODES:
         if any(t.name.startswith('truth/') for t in node.subscribes):
             assert node.name in allowed

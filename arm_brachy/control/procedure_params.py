@@ -1,0 +1,93 @@
+"""What a procedure with needle and probe is asked to do, and how long each step may take."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from arm_brachy.core.quantity import quantity, word
+
+_OWN = 'own choice: several times what an undisturbed step takes'
+
+
+@dataclass(frozen=True)
+class StepLimits:
+    """Longest time of each step of a procedure; a step that is not over then ends it by name."""
+
+    registering: float = quantity(15.0, 's', 'until the estimator says where the target is',
+                                  low=0.1, high=600.0, source=_OWN)
+    scanning: float = quantity(5.0, 's', 'until the skin has been scanned', low=0.1, high=600.0,
+                               source=_OWN)
+    moving: float = quantity(30.0, 's', 'until the pads have brought the target to its goal',
+                             low=0.1, high=600.0, source=_OWN)
+    placing: float = quantity(30.0, 's', 'until the needle stands where the probe can see it',
+                              low=0.1, high=600.0, source=_OWN)
+    approaching: float = quantity(30.0, 's', 'until the probe is in contact over the tip',
+                                  low=0.1, high=600.0, source=_OWN)
+    inserting: float = quantity(60.0, 's', 'until the needle is at its depth', low=0.1,
+                                high=3600.0, source=_OWN)
+    withdrawing: float = quantity(60.0, 's', 'until the needle is out', low=0.1, high=3600.0,
+                                  source=_OWN)
+    retracting: float = quantity(30.0, 's', 'until the probe is off the skin', low=0.1,
+                                 high=600.0, source=_OWN)
+    homing: float = quantity(60.0, 's', 'until the pads are home', low=0.1, high=600.0,
+                             source=_OWN)
+    waiting: float = quantity(5.0, 's', 'that the needle stands still because the probe has lost '
+                                        'it, or because the cell holds', low=0.1, high=600.0,
+                              source='ten times the goal for regaining contact, 0.5 s')
+
+
+@dataclass(frozen=True)
+class SteeringParams:
+    """The person who looks at the overlay: reads the tip against the grid, turns the needle.
+
+    What is simulated: a look every so often, and if the tip is heading off its path by more than
+    can be seen, half a turn or less of the needle's base, so that the bevel steers it back.
+    """
+
+    look: float = quantity(0.5, 's', 'from one look at the screen to the next', low=0.05,
+                           high=60.0, source='a fixation and a reaction of 0.25 s each, Card, '
+                                             'Moran, Newell 1983, The Psychology of '
+                                             'Human-Computer Interaction, ch. 2')
+    seen: float = quantity(1.0, 'mm', 'deviation at the end of the path from which on it is '
+                                      'corrected', low=0.0, high=50.0,
+                           source='a fifth of the pitch of the grid (own choice)')
+
+
+@dataclass(frozen=True)
+class ProcedureParams:
+    """Register, bring the target onto the needle's path, insert under the probe, withdraw.
+
+    target : name of a target of the scene
+    hole : column and row of the template, the first of each 0; empty = chosen
+    axes : of the world in which the pads move the target
+    overlay : the person sees the template's holes over the image, and corrects
+    """
+
+    target: str
+    hole: tuple[int, ...] = word('column and row of the template, the first of each 0; empty: '
+                                 'chosen', default=())
+    axes: tuple[Literal['x', 'y', 'z'], ...] = word('in which the pads move the target',
+                                                    default=('x', 'y'))
+    overlay: bool = word("the template's holes are drawn over the image, and the person who "
+                         'looks corrects', default=True)
+    reach: float = quantity(8.0, 'mm', 'largest displacement of the target by the pads', low=0.0,
+                            high=50.0, source='tasks of 5 mm and their diagonal, thesis ch. 3')
+    tolerance: float = quantity(0.5, 'mm', 'distance from its goal at which the target has '
+                                           'arrived', low=0.01, high=10.0,
+                                source='twice the steady-state error of target_1_markers')
+    calm: float = quantity(1.0, 's', 'that the target has to stay there', low=0.0, high=60.0,
+                           source='ten control periods')
+    view: float = quantity(25.0, 'mm', 'before the target, along the needle, where the probe '
+                                       'finds the tip for the first time', low=0.0, high=200.0,
+                           source='own choice: the skin of a breast is flat enough for a probe '
+                                  'over the middle 50 mm')
+    speed: float = quantity(5.0, 'mm_s', 'of insertion', low=0.1, high=200.0,
+                            source='robotic insertion: 5 to 20 mm/s')
+    withdrawal: float = quantity(20.0, 'mm_s', 'speed of the way out, and of the way to the skin',
+                                 low=0.1, high=200.0, source='own choice')
+    dwell: float = quantity(2.0, 's', 'that the needle stays at the target', low=0.0, high=600.0,
+                            source='own choice: longer than the relaxation of the tissue')
+    lost: float = quantity(2.0, 'mm', 'distance of the tip from the image plane at which the '
+                                      'needle waits for the probe', low=0.1, high=50.0,
+                           source="the beam's width across the plane")
+    limits: StepLimits = field(default_factory=StepLimits)
+    steering: SteeringParams = field(default_factory=SteeringParams)
