@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.quantity import quantity
 
 _STICK = 0.5e-3      # m of elastic give of the tissue around a needle that sticks
@@ -100,10 +99,19 @@ class NeedlePath:
 
     def shaft(self, count):
         """Return (count, 3) [m] points from the template to the tip, evenly along the needle."""
+        return self._places(count)[0]
+
+    def tangents(self, count):
+        """Return (count, 3) unit tangents at the points of `shaft`."""
+        return self._places(count)[1]
+
+    def _places(self, count):
+        """Points and tangents, (2, count, 3)."""
         at = np.linspace(0.0, self.depth, count)
         ends = np.array([e[0] for e in self._ends])
         index = np.clip(np.searchsorted(ends, at, side='right') - 1, 0, len(ends) - 1)
-        return np.array([self._along(self._ends[i], s)[0] for i, s in zip(index, at, strict=True)])
+        return np.array([self._along(self._ends[i], s)[:2]
+                         for i, s in zip(index, at, strict=True)]).transpose(1, 0, 2)
 
 
 class NeedleForce:
@@ -146,47 +154,3 @@ class NeedleForce:
         # The tissue around the shaft gives elastically until the static friction is exceeded.
         stretch = np.clip((depth - self._held) / _STICK, -1.0, 1.0)
         return inside * p.static * stretch
-
-
-@dataclass(frozen=True)
-class InsertionProfile:
-    """How a needle is driven: by a motor at one speed, or by hand in strokes.
-
-    by : 'motor' or 'hand'
-    """
-
-    by: str = 'motor'
-    speed: float = quantity(10.0, 'mm_s', 'largest speed', low=0.1, high=200.0,
-                            source='robotic insertion: 5 to 20 mm/s; clinical hands: 48 mm/s '
-                                   'in the mean, 123 mm/s at most')
-    stroke: float = quantity(15.0, 'mm', 'length of one stroke by hand', low=1.0, high=100.0,
-                             source='own choice')
-    pause: float = quantity(0.6, 's', 'between strokes by hand', low=0.0, high=10.0,
-                            source='own choice: a glance at the screen')
-
-
-def insertion(profile, depth, t):
-    """Return (depth (m), speed (m/s)) of the needle at time t [s] on its way to `depth` [m].
-
-    By hand each stroke is a minimum-jerk motion, whose peak speed is 15/8 of its mean (Flash and
-    Hogan 1985, J Neurosci 5:1688). Raises CommandRefused for a profile that does not exist.
-    """
-    if profile.by == 'motor':
-        at = min(profile.speed * t, depth)
-        return at, profile.speed if 0.0 <= at < depth else 0.0
-    if profile.by != 'hand':
-        raise CommandRefused(f'insertion by {profile.by!r}; must be motor or hand')
-    start = 0.0
-    while start < depth:
-        length = min(profile.stroke, depth - start)
-        lasts = 15.0 / 8.0 * length / profile.speed
-        if t < lasts:
-            u = t / lasts
-            share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-            return start + length * share, length / lasts * 30.0 * (u * (1.0 - u))**2
-        t -= lasts
-        start += length
-        if t < profile.pause:
-            return start, 0.0
-        t -= profile.pause
-    return depth, 0.0

@@ -1,17 +1,9 @@
 """The needle's path is the arc of the unicycle model; its forces are those of Okamura's."""
 
 import numpy as np
-import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import solve_ivp
 
-from arm_brachy.core.errors import CommandRefused
-from arm_brachy.devices.needle import (
-    InsertionProfile,
-    NeedleForce,
-    NeedleParams,
-    NeedlePath,
-    insertion,
-)
+from arm_brachy.devices.needle import NeedleForce, NeedleParams, NeedlePath
 
 PARAMS = NeedleParams()
 AXIS, SIDE = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
@@ -124,19 +116,3 @@ def test_at_rest_the_needle_is_held_up_to_the_static_friction():
 def test_out_of_the_tissue_the_capsule_is_whole_again():
     force, _, _ = pushed(0.01, 0.05)
     assert force.step(0.0, 0.01, -0.01) == 0.0 and not force.punctured
-
-
-@pytest.mark.parametrize('by', ['motor', 'hand'])
-def test_profiles_arrive_and_their_speed_is_the_derivative_of_depth(by):
-    profile = InsertionProfile(by)
-    end = 1.0 + 0.06 / profile.speed * 15 / 8 + 4 * profile.pause
-    assert insertion(profile, 0.06, end) == (0.06, 0.0)
-    travelled = quad(lambda t: insertion(profile, 0.06, t)[1], 0.0, end, limit=400)[0]
-    assert np.isclose(travelled, 0.06, rtol=1e-3)
-    speeds = [insertion(profile, 0.06, t)[1] for t in np.linspace(0.0, end, 2000)]
-    assert np.isclose(max(speeds), profile.speed, rtol=1e-3)
-
-
-def test_an_unknown_profile_is_refused():
-    with pytest.raises(CommandRefused, match='must be motor or hand'):
-        insertion(InsertionProfile('foot'), 0.06, 1.0)

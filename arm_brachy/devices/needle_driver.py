@@ -1,0 +1,282 @@
+"""Drives a needle through a hole of the template, and says where it measures the tip to be.
+
+What is true: the needle's depth along its path (`insertion`), its tip on the arc of its bevel
+(`needle.NeedlePath`). What is told: the depth as a tracker of the needle's base measures it in one
+direction, as in the thesis' set-up (sec. 6.5, MicronTracker), and the tip that follows from hole,
+depth and, if `told` is 'arc', the nominal arc of such needles. The true arc differs by
+`radius_spread`, so that the told tip is wrong by some tenths of a millimetre at depth; if `told`
+is 'straight' it is wrong by the whole deflection, depth^2 / (2 radius) across the axis.
+The shaft is stiff: it stays where the tip has cut. Lateral forces of the tissue on the shaft, and
+hence its bending as a beam, are not modelled.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from arm_brachy.core.errors import CommandRefused
+from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.quantity import quantity
+from arm_brachy.devices.insertion import HandMotion, InsertionProfile
+from arm_brachy.devices.motion_profile import Motion, Profile, stopping_point
+from arm_brachy.devices.needle import NeedleParams, NeedlePath
+from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction
+
+_REST_SPEED = 1e-5   # m/s, below which the needle counts as at rest
+_ROUNDING = 1e-9     # m, over a limit that is no command but a conversion of units
+
+
+@dataclass(frozen=True)
+class NeedleDriverParams:
+    """Needle, hole, drive and what measures them.
+
+    column, row : hole of the template, from 0;  points : of the shaft, template to tip
+    told : the tip as told follows the nominal arc, or the straight axis of the hole
+    """
+
+    needle: NeedleParams = field(default_factory=NeedleParams)
+    insertion: InsertionProfile = field(default_factory=InsertionProfile)
+    column: int = 6
+    row: int = 6
+    points: int = 41
+    told: Literal['arc', 'straight'] = 'arc'
+    bevel: float = quantity(0.0, 'deg', "turn of the needle about its axis; at 0 it bends towards "
+                            "the template's x", low=-360.0, high=360.0)
+    radius_spread: float = quantity(0.1, '', "standard deviation of the true arc's radius from "
+                                    'the nominal one, as a share, from needle to needle', low=0.0,
+                                    high=0.5, source='engineering judgement: 200 to 650 mm are '
+                                                     'reported over tissues and needles')
+    max_speed: float = quantity(200.0, 'mm_s', 'largest speed that a command may ask for',
+                                low=0.1, high=1000.0, source='above the 123 mm/s of clinical '
+                                                             'hands')
+    force_limit: float = quantity(5.0, 'N', 'force along the needle at which it stops', low=0.1,
+                                  high=100.0, source='engineering judgement: five times what a '
+                                                     'soft phantom returns at full depth')
+    force_noise: float = quantity(0.02, 'N', 'standard deviation of the force sensor', low=0.0,
+                                  high=10.0, source='engineering judgement: 0.1 % of a range of '
+                                                    '20 N')
+    depth_rate: float = quantity(48.0, 'Hz', 'measurements of depth per second', low=1.0,
+                                 high=1000.0, source='MicronTracker Sx60 (data sheet, from '
+                                                     'memory)')
+    depth_latency: float = quantity(21.0, 'ms', 'from measurement to delivery', low=0.0,
+                                    high=1000.0, source='one frame (engineering judgement)')
+    depth_noise: float = quantity(0.05, 'mm', 'standard deviation from one measurement to the '
+                                  'next', low=0.0, high=10.0, source='engineering judgement: a '
+                                                                     'tenth of a pixel')
+    depth_error: float = quantity(0.2, 'mm', 'standard deviation of the constant error of a run',
+                                  low=0.0, high=10.0, source='MicronTracker: 0.25 mm rms, all '
+                                                             'axes (data sheet, from memory)')
+    shown: float = quantity(1.0, 'mm', 'told depth from which on the tip counts as outside the '
+                            'hole', low=0.0, high=20.0, source='five standard deviations of the '
+                                                               'constant error')
+
+
+@dataclass(frozen=True)
+class NeedleState:
+    """A needle at time t [s]. World frame.
+
+    measured_t : s, when the depth was measured
+    depth, velocity : m, m/s, as measured;  force : N, measured, positive against insertion
+    tip_p, tip_R : (3,) [m], (3, 3) of the tip as told, z along the needle, x to the bevel's side;
+        None within the hole
+    true_depth : m;  shaft, axes : (k, 3) [m] and unit tangents, template to tip, true
+    """
+
+    t: float
+    measured_t: float
+    depth: float
+    velocity: float
+    force: float
+    tip_p: np.ndarray | None
+    tip_R: np.ndarray | None
+    true_depth: float
+    shaft: np.ndarray
+    axes: np.ndarray
+    moving: bool
+    outcome: Outcome
+    message: str = ''
+
+
+def check_depth(params, depth):
+    """Raise CommandRefused for a depth [m] that the needle does not reach.
+
+    params : NeedleDriverParams
+    """
+    longest = params.needle.length
+    if not -_ROUNDING <= depth <= longest + _ROUNDING:
+        raise CommandRefused(f'needle: depth = {1e3 * depth:.6g} mm; must be 0 to '
+                             f'{1e3 * longest:.6g} mm, the length of the needle: take a longer '
+                             'needle or a nearer target')
+
+
+class ToldTip:
+    """Where a tip is by its depth: hole, axis and the nominal arc, or no arc.
+
+    params : NeedleDriverParams;  hole : (3,) [m];  axis, side : (3,) along the hole, and where the
+        bevel bends the needle to
+    """
+
+    def __init__(self, params, hole, axis, side):
+        """Set it up; see the class."""
+        needle = params.needle if params.told == 'arc' else replace(params.needle, radius=np.inf)
+        self._start = (needle, hole, axis, side)
+
+    def at(self, depth):
+        """Return (R (3, 3), p (3,) [m]) of the tip at a depth [m]."""
+        path = NeedlePath(*self._start)
+        path.advance(max(depth, 0.0))
+        return np.column_stack([path.n, np.cross(path.t, path.n), path.t]), path.p
+
+
+class DepthSensor:
+    """Measures a depth at its own rate: noise, a constant error, and delivery some time later."""
+
+    def __init__(self, params, rng):
+        """params : NeedleDriverParams;  rng : numpy Generator"""
+        self._noise, self._rng = params.depth_noise, rng
+        self._error = params.depth_error * rng.standard_normal()
+        self._times = SampleTimes(params.depth_rate)
+        self._line = DelayLine(self._times, params.depth_latency)
+
+    def advance(self, t0, depth0, t1, depth1):
+        """Return what is delivered in (t0, t1] [s] as [(t, depth)], oldest first."""
+        taken = []
+        for instant in self._times.between(t0, t1):
+            depth = depth0 + fraction(instant, t0, t1) * (depth1 - depth0)
+            noise = self._noise * self._rng.standard_normal()
+            taken.append((instant.number, (instant.t, depth + self._error + noise)))
+        return self._line.exchange(taken, t0, t1)
+
+
+class NeedleDriver:
+    """One needle in one hole. Time passes in `read` only, as with the actuators.
+
+    params : NeedleDriverParams;  hole : (3,) [m] where the needle leaves the template
+    axis : (3,) along the hole;  side : (3,) the template's x;  rng : numpy Generator
+    Test: devices/test_needle_driver.py
+    """
+
+    def __init__(self, params, hole, axis, side, rng):
+        """At depth zero, at rest, at t = 0."""
+        self.params = params
+        axis, side = (np.asarray(v, dtype=float) for v in (axis, side))
+        side = np.cos(params.bevel) * side + np.sin(params.bevel) * np.cross(axis, side)
+        self._hand_rng, depth_rng, self._force_rng, radius_rng = rng.spawn(4)
+        spread = np.exp(params.radius_spread * radius_rng.standard_normal())
+        self.path = NeedlePath(replace(params.needle, radius=params.needle.radius * spread), hole,
+                               axis, side)
+        self.told = ToldTip(params, hole, axis, side)
+        self._sensor = DepthSensor(params, depth_rng)
+        self._t, self._measured, self._speed = 0.0, (0.0, 0.0), 0.0
+        self._move = self._rest()
+        self._stopped = self._held = self._blocked = False
+        self._refusal = ''
+
+    def command(self, depth, speed=None):
+        """Start moving to `depth` [m] at `speed` [m/s] (None = the profile's).
+
+        Raises CommandRefused, and keeps what is under way, for a depth that the needle does not
+        reach, a speed out of range, or while stopped; the next NeedleState says so too.
+        """
+        try:
+            if self._stopped:
+                raise CommandRefused('needle: move during an emergency stop; call release first')
+            check_depth(self.params, depth)
+            self._check_speed(speed)
+        except CommandRefused as error:
+            self._refusal = str(error)
+            raise
+        profile = self.params.insertion
+        self._move = self._planned(float(np.clip(depth, 0.0, self.params.needle.length)),
+                                   profile.speed if speed is None else speed, profile)
+        self._held = self._blocked = False
+
+    def _check_speed(self, speed):
+        if speed is not None and not 0.0 < speed <= self.params.max_speed + _ROUNDING:
+            raise CommandRefused(f'needle: speed = {1e3 * speed:.6g} mm/s; must be above 0, at '
+                                 f'most {1e3 * self.params.max_speed:.6g}')
+
+    def _planned(self, depth, speed, profile):
+        """By hand strokes begin at rest: a needle under way goes on in one trapezoid."""
+        motion = self._move.motion
+        if profile.by == 'motor' or abs(motion.velocity) > _REST_SPEED:
+            return Profile(motion, depth, speed, profile.acceleration)
+        return HandMotion(Motion(motion.position, 0.0), depth, speed, profile, self._hand_rng)
+
+    def hold(self):
+        """Brake to rest and stay; the next command is obeyed. Ends no emergency stop."""
+        acceleration = self.params.insertion.acceleration
+        stop = np.clip(stopping_point(self._move.motion, acceleration), 0.0,
+                       self.params.needle.length)
+        self._move = Profile(self._move.motion, float(stop), self.params.max_speed, acceleration)
+        self._held = True
+
+    def stop(self):
+        """Emergency: stand still at once and refuse every motion until `release`."""
+        self._move, self._stopped = self._rest(), True
+
+    def release(self):
+        """End the emergency stop; nothing moves until the next command."""
+        self._stopped = False
+
+    def read(self, t, force=0.0):
+        """Advance to t [s] under `force` [N] of the tissue along the needle; returns NeedleState.
+
+        A force above params.force_limit ends a motion that pushes (or pulls) on against it: HELD
+        until the next command. Raises CommandRefused if t lies before the last read.
+        """
+        if t < self._t:
+            raise CommandRefused(f'needle: read at t = {t} s after t = {self._t} s; time must '
+                                 'not run backwards')
+        if t > self._t:
+            self._yield_to(force)
+            self._advance(t)
+        return self._state(force)
+
+    def _rest(self):
+        profile = self.params.insertion
+        return Profile(Motion(self.path.depth, 0.0), self.path.depth, profile.speed,
+                       profile.acceleration)
+
+    def _yield_to(self, force):
+        onward = np.sign(self._move.target - self.path.depth)
+        if abs(force) > self.params.force_limit and onward == np.sign(force):
+            self._move, self._blocked = self._rest(), True
+
+    def _advance(self, t):
+        before = self.path.depth
+        self._move.advance(t - self._t)
+        depth = np.clip(self._move.motion.position, 0.0, self.params.needle.length)
+        self.path.advance(depth - before)
+        for measured in self._sensor.advance(self._t, before, t, self.path.depth):
+            (t0, d0), (t1, d1) = self._measured, measured
+            if t1 > t0:
+                self._speed = (d1 - d0) / (t1 - t0)
+            self._measured = measured
+        self._t = t
+
+    def _state(self, force):
+        p = self.params
+        measured_t, depth = self._measured
+        tip_R, tip_p = self.told.at(depth) if depth > p.shown else (None, None)
+        outcome, message = self._outcome()
+        shaft, axes = self.path.shaft(p.points), self.path.tangents(p.points)
+        return NeedleState(
+            self._t, measured_t, float(depth), float(self._speed),
+            float(force + p.force_noise * self._force_rng.standard_normal()), tip_p, tip_R,
+            float(self.path.depth), shaft, axes,
+            not self._move.done or abs(self._move.motion.velocity) > _REST_SPEED, outcome, message)
+
+    def _outcome(self):
+        if self._refusal:
+            message, self._refusal = self._refusal, ''
+            return Outcome.REJECTED, message
+        if self._stopped:
+            return Outcome.HELD, 'needle: emergency stop; call needle_driver/release, then move'
+        if self._blocked:
+            return Outcome.HELD, ('needle: force above force_limit_N = '
+                                  f'{self.params.force_limit:g}; withdraw or move slower')
+        if self._held:
+            return Outcome.HELD, 'needle: held on request; the next command is obeyed'
+        return Outcome.OK, ''

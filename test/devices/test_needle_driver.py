@@ -1,0 +1,156 @@
+"""The needle driver: where the tip is, where it is told to be, and what stops it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from arm_brachy.core.errors import CommandRefused
+from arm_brachy.core.outcome import Outcome
+from arm_brachy.devices.insertion import InsertionProfile
+from arm_brachy.devices.needle_driver import NeedleDriver, NeedleDriverParams
+
+HOLE, AXIS, SIDE = np.array([-0.1, 0.02, 0.03]), np.array([0.6, 0.8, 0.0]), np.array([0, 0, 1.0])
+EXACT = NeedleDriverParams(radius_spread=0.0, depth_noise=0.0, depth_error=0.0, force_noise=0.0,
+                           depth_latency=0.0)
+TICK = 0.05
+
+
+def driver(params=EXACT, seed=0):
+    return NeedleDriver(params, HOLE, AXIS, SIDE, np.random.default_rng(seed))
+
+
+def run(needle, seconds, force=0.0, start=0.0):
+    return [needle.read(start + TICK * k, force) for k in range(1, round(seconds / TICK) + 1)]
+
+
+def test_the_motor_arrives_in_the_time_of_a_trapezoid():
+    needle = driver()
+    needle.command(0.08, 0.02)
+    states = run(needle, 5.0)
+    profile = EXACT.insertion
+    last = 0.08 / 0.02 + 0.02 / profile.acceleration
+    moving = [s.t for s in states if s.moving]
+    assert np.isclose(moving[-1], last, atol=2 * TICK)
+    assert states[-1].true_depth == 0.08 and states[-1].outcome is Outcome.OK
+    assert max(s.velocity for s in states) <= 0.02 + 1e-9
+
+
+def test_the_told_tip_is_the_true_one_where_depth_and_radius_are_known():
+    needle = driver()
+    needle.command(0.08)
+    state = run(needle, 12.0)[-1]
+    assert np.allclose(state.tip_p, state.shaft[-1], atol=1e-12)
+    assert np.allclose(state.tip_R[:, 2], state.axes[-1], atol=1e-12)
+    assert np.allclose(state.tip_R.T @ state.tip_R, np.eye(3)) and np.linalg.det(state.tip_R) > 0.0
+    assert np.allclose(state.shaft[0], HOLE) and np.allclose(state.axes[0], AXIS)
+
+
+def test_told_straight_the_tip_is_wrong_by_the_deflection():
+    needle = driver(replace(EXACT, told='straight'))
+    needle.command(0.08)
+    state = run(needle, 12.0)[-1]
+    R = EXACT.needle.radius
+    assert np.allclose(state.tip_p, HOLE + 0.08 * AXIS)
+    error = state.shaft[-1] - state.tip_p
+    assert np.isclose(error @ SIDE, R * (1.0 - np.cos(0.08 / R)), rtol=1e-9)
+    assert np.isclose(error @ AXIS, R * np.sin(0.08 / R) - 0.08, rtol=1e-9)
+
+
+def test_the_bevel_turns_the_side_that_it_bends_to():
+    needle = driver(replace(EXACT, bevel=np.pi / 2))
+    needle.command(0.08)
+    bent = run(needle, 12.0)[-1].shaft[-1] - HOLE
+    assert np.isclose(bent @ SIDE, 0.0, atol=1e-12) and bent @ np.cross(AXIS, SIDE) > 7e-3
+
+
+def test_the_measured_depth_has_its_noise_its_error_and_its_delay():
+    params = NeedleDriverParams(depth_noise=1e-4, depth_error=0.0, depth_rate=100.0,
+                                depth_latency=0.03)
+    needle = driver(params)
+    needle.command(0.2, 0.01)
+    states = run(needle, 15.0)[20:]
+    assert np.isclose(np.mean([s.t - s.measured_t for s in states]), 0.03, atol=5e-3)
+    error = [s.depth - (s.true_depth - 0.01 * (s.t - s.measured_t)) for s in states]
+    assert np.isclose(np.std(error), 1e-4, rtol=0.15) and abs(np.mean(error)) < 3e-5
+    constant = [driver(NeedleDriverParams(depth_noise=0.0, depth_error=2e-4), seed)
+                for seed in range(60)]
+    assert np.isclose(np.std([run(n, 1.0)[-1].depth for n in constant]), 2e-4, rtol=0.25)
+
+
+def test_the_tip_is_told_only_outside_the_hole():
+    needle = driver()
+    assert needle.read(0.0).tip_p is None
+    needle.command(0.02)
+    states = run(needle, 4.0)
+    assert all((s.tip_p is not None) == (s.depth > EXACT.shown) for s in states)
+    needle.command(0.0)
+    assert run(needle, 4.0, start=4.0)[-1].tip_p is None
+
+
+@pytest.mark.parametrize('by', ['motor', 'hand'])
+def test_a_force_above_the_limit_stops_it_until_the_next_command(by):
+    needle = driver(replace(EXACT, insertion=InsertionProfile(by)))
+    needle.command(0.08)
+    run(needle, 2.0)
+    first = needle.read(2.05, 1.2 * EXACT.force_limit)
+    later = run(needle, 2.0, start=2.05)[-1]
+    assert first.outcome is later.outcome is Outcome.HELD and 'force_limit_N' in later.message
+    assert later.true_depth == first.true_depth < 0.08 and not later.moving
+    needle.command(0.0)     # away from the force: allowed
+    assert needle.read(4.1, 1.2 * EXACT.force_limit).outcome is Outcome.OK
+    assert run(needle, 12.0, start=4.1)[-1].true_depth == 0.0
+
+
+@pytest.mark.parametrize('by', ['motor', 'hand'])
+def test_hold_brakes_and_stop_is_at_once_and_lasts(by):
+    needle = driver(replace(EXACT, insertion=InsertionProfile(by)))
+    needle.command(0.08)
+    before = run(needle, 1.0)[-1]
+    needle.hold()
+    held = run(needle, 1.0, start=1.0)[-1]
+    braking = before.velocity**2 / (2 * EXACT.insertion.acceleration)
+    assert held.outcome is Outcome.HELD and not held.moving
+    assert abs(held.true_depth - before.true_depth) <= braking + 2e-3
+    needle.command(0.08)
+    moving = run(needle, 1.0, start=2.0)[-1]
+    needle.stop()
+    stopped = run(needle, 1.0, start=3.0)[-1]
+    assert stopped.true_depth == moving.true_depth and stopped.outcome is Outcome.HELD
+    with pytest.raises(CommandRefused, match='call release first'):
+        needle.command(0.01)
+    needle.release()
+    needle.command(0.01)
+    assert run(needle, 20.0, start=4.0)[-1].true_depth == 0.01
+
+
+@pytest.mark.parametrize(('depth', 'speed', 'match'), [
+    (0.25, None, 'depth = 250 mm; must be 0 to 200 mm'), (-0.01, None, 'depth = -10'),
+    (np.nan, None, 'depth = nan'), (0.05, 0.0, 'speed = 0 mm/s'), (0.05, 1.0, 'at most 200')])
+def test_what_it_cannot_do_is_refused_and_nothing_changes(depth, speed, match):
+    needle = driver()
+    needle.command(0.03)
+    with pytest.raises(CommandRefused, match=match):
+        needle.command(depth, speed)
+    states = run(needle, 6.0)
+    assert states[0].outcome is Outcome.REJECTED and states[1].outcome is Outcome.OK
+    assert states[-1].true_depth == 0.03
+
+
+def test_same_seed_same_bits_and_reading_more_often_moves_no_needle():
+    params = NeedleDriverParams(insertion=InsertionProfile('hand'))
+    first, second, finer = driver(params, 7), driver(params, 7), driver(params, 7)
+    for needle in (first, second, finer):
+        needle.command(0.06)
+    for a, b in zip(run(first, 8.0), run(second, 8.0), strict=True):
+        assert (a.depth, a.force, a.shaft.tobytes()) == (b.depth, b.force, b.shaft.tobytes())
+    for k in range(1, 321):
+        last = finer.read(k * TICK / 2)
+    assert np.isclose(last.true_depth, b.true_depth, atol=1e-15)
+    assert np.allclose(last.shaft[-1], b.shaft[-1], atol=1e-12)
+
+
+def test_the_true_radius_spreads_about_the_nominal_one():
+    radii = [driver(NeedleDriverParams(), seed).path._radius for seed in range(80)]
+    share = np.array(radii) / NeedleDriverParams().needle.radius
+    assert np.isclose(np.log(share).std(), 0.1, rtol=0.25) and abs(np.log(share).mean()) < 0.04
