@@ -53,6 +53,7 @@ class NeedlePath:
 
     p : (3,) [m] tip;  t : (3,) unit, direction of insertion;  n : (3,) unit, the side it bends to
     depth : [m] length inserted, what a tracker of the needle's base measures
+    roll : [rad] by which the needle is turned about its axis since it was at the hole
     """
 
     def __init__(self, params, hole, axis, side):
@@ -62,35 +63,37 @@ class NeedlePath:
         self.t = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
         side = np.asarray(side, dtype=float) - self.t * (self.t @ side)
         self.n = side / np.linalg.norm(side)
-        self._ends = [(0.0, self.p, self.t, self.n)]
+        self.roll = 0.0
+        self._ends = [(0.0, self.p, self.t, self.n, 0.0)]
 
     def turn(self, angle):
         """Turn the needle about its axis by `angle` [rad]: the bevel points elsewhere."""
-        b = np.cross(self.t, self.n)
-        self.n = np.cos(angle) * self.n + np.sin(angle) * b
-        self._ends[-1] = (self.depth, self.p, self.t, self.n)
+        self.n = _turned(self.n, self.t, angle)
+        self.roll += angle
+        self._ends[-1] = (self.depth, self.p, self.t, self.n, self.roll)
 
     def advance(self, distance):
-        """Insert by `distance` [m], or withdraw along the path already cut if negative."""
+        """Insert by `distance` [m], or withdraw along the path already cut if negative.
+
+        Withdrawn, the needle keeps its roll: what is cut next bends to where its bevel is then.
+        """
         if distance < 0.0:
-            self._withdraw(self.depth + distance)
+            self._withdraw(max(self.depth + distance, 0.0))
             return
         self.p, self.t, self.n = self._along(self._ends[-1], self.depth + distance)
         self.depth += distance
-        self._ends.append((self.depth, self.p, self.t, self.n))
+        self._ends.append((self.depth, self.p, self.t, self.n, self.roll))
 
     def _withdraw(self, depth):
-        depth = max(depth, 0.0)
-        while len(self._ends) > 1 and self._ends[-2][0] >= depth:
+        while len(self._ends) > 1 and self._ends[-1][0] > depth:
             self._ends.pop()
-        if self._ends[-1][0] > depth:
-            self._ends.pop()
-            start = self._ends[-1]
-            self._ends.append((depth, *self._along(start, depth)))
-        self.depth, self.p, self.t, self.n = self._ends[-1]
+        start = self._ends[-1]
+        self.depth, (self.p, self.t, n) = depth, self._along(start, depth)
+        self.n = _turned(n, self.t, self.roll - start[-1])
+        self._ends.append((depth, self.p, self.t, self.n, self.roll))
 
     def _along(self, start, depth):
-        s0, p, t, n = start
+        s0, p, t, n, _ = start
         angle = (depth - s0) / self._radius
         if angle < _STRAIGHT:
             return p + (depth - s0) * t, t, n
@@ -112,6 +115,11 @@ class NeedlePath:
         index = np.clip(np.searchsorted(ends, at, side='right') - 1, 0, len(ends) - 1)
         return np.array([self._along(self._ends[i], s)[:2]
                          for i, s in zip(index, at, strict=True)]).transpose(1, 0, 2)
+
+
+def _turned(n, t, angle):
+    """Vector n (3,) turned by `angle` [rad] about the unit vector t across it."""
+    return np.cos(angle) * n + np.sin(angle) * np.cross(t, n)
 
 
 class NeedleForce:

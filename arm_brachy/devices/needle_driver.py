@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from arm_brachy.core.errors import CommandRefused
+from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.quantity import quantity
 from arm_brachy.devices.insertion import HandMotion, InsertionProfile
@@ -24,6 +24,7 @@ from arm_brachy.devices.needle import NeedleParams, NeedlePath
 from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction
 
 _REST_SPEED = 1e-5   # m/s, below which the needle counts as at rest
+_SAME_HOLE = 1e-4    # m from a hole, within which it is meant
 _ROUNDING = 1e-9     # m, over a limit that is no command but a conversion of units
 
 
@@ -41,8 +42,8 @@ class NeedleDriverParams:
     row: int = 6
     points: int = 41
     told: Literal['arc', 'straight'] = 'arc'
-    bevel: float = quantity(0.0, 'deg', "turn of the needle about its axis; at 0 it bends towards "
-                            "the template's x", low=-360.0, high=360.0)
+    roll: float = quantity(0.0, 'deg', "turn of the needle about its axis; at 0 it bends towards "
+                           "the template's x", low=-360.0, high=360.0)
     radius_spread: float = quantity(0.1, '', "standard deviation of the true arc's radius from "
                                     'the nominal one, as a share, from needle to needle', low=0.0,
                                     high=0.5, source='engineering judgement: 200 to 650 mm are '
@@ -79,7 +80,7 @@ class NeedleState:
     measured_t : s, when the depth was measured
     depth, velocity : m, m/s, as measured;  force : N, measured, positive against insertion
     tip_p, tip_R : (3,) [m], (3, 3) of the tip as told, z along the needle, x to the bevel's side;
-        None within the hole
+        None within the hole;  roll : [rad] of the needle's base
     true_depth : m;  shaft, axes : (k, 3) [m] and unit tangents, template to tip, true
     """
 
@@ -90,6 +91,7 @@ class NeedleState:
     force: float
     tip_p: np.ndarray | None
     tip_R: np.ndarray | None
+    roll: float
     true_depth: float
     shaft: np.ndarray
     axes: np.ndarray
@@ -110,23 +112,22 @@ def check_depth(params, depth):
                              'needle or a nearer target')
 
 
-class ToldTip:
-    """Where a tip is by its depth: hole, axis and the nominal arc, or no arc.
+def nominal_offset(params, axis, side):
+    """Return the function (roll [rad], depth [m]) -> (3,) [m] of the told tip from its hole.
 
-    params : NeedleDriverParams;  hole : (3,) [m];  axis, side : (3,) along the hole, and where the
-        bevel bends the needle to
+    params : NeedleDriverParams;  axis, side : (3,) along the holes, and to where roll 0 bends
     """
+    def offset(roll, depth):
+        path = _told_path(params, np.zeros(3), axis, side)
+        path.turn(roll)
+        path.advance(depth)
+        return path.p
+    return offset
 
-    def __init__(self, params, hole, axis, side):
-        """Set it up; see the class."""
-        needle = params.needle if params.told == 'arc' else replace(params.needle, radius=np.inf)
-        self._start = (needle, hole, axis, side)
 
-    def at(self, depth):
-        """Return (R (3, 3), p (3,) [m]) of the tip at a depth [m]."""
-        path = NeedlePath(*self._start)
-        path.advance(max(depth, 0.0))
-        return np.column_stack([path.n, np.cross(path.t, path.n), path.t]), path.p
+def _told_path(params, hole, axis, side):
+    needle = params.needle if params.told == 'arc' else replace(params.needle, radius=np.inf)
+    return NeedlePath(needle, hole, axis, side)
 
 
 class DepthSensor:
@@ -152,26 +153,74 @@ class DepthSensor:
 class NeedleDriver:
     """One needle in one hole. Time passes in `read` only, as with the actuators.
 
-    params : NeedleDriverParams;  hole : (3,) [m] where the needle leaves the template
-    axis : (3,) along the hole;  side : (3,) the template's x;  rng : numpy Generator
+    params : NeedleDriverParams;  holes : (columns, rows, 3) [m] where needles leave the template
+    axis : (3,) along them;  side : (3,) the template's x, to which roll 0 bends the needle
+    rng : numpy Generator
+    Raises InputError for a hole outside the grid.
     Test: devices/test_needle_driver.py
     """
 
-    def __init__(self, params, hole, axis, side, rng):
-        """At depth zero, at rest, at t = 0."""
-        self.params = params
-        axis, side = (np.asarray(v, dtype=float) for v in (axis, side))
-        side = np.cos(params.bevel) * side + np.sin(params.bevel) * np.cross(axis, side)
+    def __init__(self, params, holes, axis, side, rng):
+        """At depth zero, at rest, at t = 0, in the hole of the parameters."""
+        self.params, self._holes = params, np.asarray(holes, dtype=float)
+        self._axis, self._side = (np.asarray(v, dtype=float) for v in (axis, side))
+        for name, value, count in (('column', params.column, self._holes.shape[0]),
+                                   ('row', params.row, self._holes.shape[1])):
+            if not 0 <= value < count:
+                raise InputError(f'needle: {name} = {value}; must be 0 to {count - 1}, a hole of '
+                                 'the template')
         self._hand_rng, depth_rng, self._force_rng, radius_rng = rng.spawn(4)
         spread = np.exp(params.radius_spread * radius_rng.standard_normal())
-        self.path = NeedlePath(replace(params.needle, radius=params.needle.radius * spread), hole,
-                               axis, side)
-        self.told = ToldTip(params, hole, axis, side)
+        self._true = replace(params.needle, radius=params.needle.radius * spread)
         self._sensor = DepthSensor(params, depth_rng)
+        self._insert_into(self._holes[params.column, params.row], params.roll)
         self._t, self._measured, self._speed = 0.0, (0.0, 0.0), 0.0
         self._move = self._rest()
         self._stopped = self._held = self._blocked = False
         self._refusal = ''
+
+    def _insert_into(self, hole, roll):
+        self.path = NeedlePath(self._true, hole, self._axis, self._side)
+        self._told = _told_path(self.params, hole, self._axis, self._side)
+        self.path.turn(roll)
+        self._told.turn(roll)
+
+    def place(self, hole, roll):
+        """Take the needle to another hole (3,) [m], turned by `roll` [rad] about its axis.
+
+        Raises CommandRefused unless the needle is at rest within the template, and for a place
+        where the template has no hole.
+        """
+        self._permit('place')
+        if self.path.depth > self.params.shown or not self._move.done:
+            self._refuse(f'needle: place at a depth of {1e3 * self.path.depth:.1f} mm; must be at '
+                         f'rest, at most {1e3 * self.params.shown:g} mm deep: withdraw it first')
+        far = np.linalg.norm(self._holes - np.asarray(hole, dtype=float), axis=-1)
+        if not far.min() < _SAME_HOLE:
+            place = ', '.join(f'{1e3 * c:.1f}' for c in hole)
+            self._refuse(f'needle: no hole at ({place}) mm; must be one of the '
+                         f'{self._holes.shape[0]} x {self._holes.shape[1]} of the template')
+        self._insert_into(self._holes[np.unravel_index(far.argmin(), far.shape)], roll)
+        self._move = self._rest()
+
+    def turn(self, roll):
+        """Turn the needle's base to `roll` [rad]; the tip follows at once, torsion is left out.
+
+        Raises CommandRefused during an emergency stop or if roll is no number.
+        """
+        self._permit('turn')
+        if not np.isfinite(roll):
+            self._refuse(f'needle: roll = {roll} rad; must be a finite number')
+        for path in (self.path, self._told):
+            path.turn(roll - path.roll)
+
+    def _permit(self, what):
+        if self._stopped:
+            self._refuse(f'needle: {what} during an emergency stop; call release first')
+
+    def _refuse(self, message):
+        self._refusal = message
+        raise CommandRefused(message)
 
     def command(self, depth, speed=None):
         """Start moving to `depth` [m] at `speed` [m/s] (None = the profile's).
@@ -179,9 +228,8 @@ class NeedleDriver:
         Raises CommandRefused, and keeps what is under way, for a depth that the needle does not
         reach, a speed out of range, or while stopped; the next NeedleState says so too.
         """
+        self._permit('move')
         try:
-            if self._stopped:
-                raise CommandRefused('needle: move during an emergency stop; call release first')
             check_depth(self.params, depth)
             self._check_speed(speed)
         except CommandRefused as error:
@@ -254,19 +302,24 @@ class NeedleDriver:
             if t1 > t0:
                 self._speed = (d1 - d0) / (t1 - t0)
             self._measured = measured
+            self._told.advance(max(d1, 0.0) - self._told.depth)
         self._t = t
 
     def _state(self, force):
         p = self.params
         measured_t, depth = self._measured
-        tip_R, tip_p = self.told.at(depth) if depth > p.shown else (None, None)
+        tip_R, tip_p = self._told_tip() if depth > p.shown else (None, None)
         outcome, message = self._outcome()
         shaft, axes = self.path.shaft(p.points), self.path.tangents(p.points)
         return NeedleState(
             self._t, measured_t, float(depth), float(self._speed),
             float(force + p.force_noise * self._force_rng.standard_normal()), tip_p, tip_R,
-            float(self.path.depth), shaft, axes,
+            self.path.roll, float(self.path.depth), shaft, axes,
             not self._move.done or abs(self._move.motion.velocity) > _REST_SPEED, outcome, message)
+
+    def _told_tip(self):
+        t, n = self._told.t, self._told.n
+        return np.column_stack([n, np.cross(t, n), t]), self._told.p
 
     def _outcome(self):
         if self._refusal:

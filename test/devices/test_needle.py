@@ -62,6 +62,17 @@ def test_it_withdraws_along_the_path_that_it_cut():
     assert needle.depth == 0.0 and np.allclose(needle.p, 0.0)
 
 
+def test_withdrawn_past_a_turn_it_bends_to_where_its_bevel_is_now():
+    needle = path()
+    needle.advance(0.03)
+    needle.turn(np.pi)
+    needle.advance(0.03)
+    needle.advance(-0.05)
+    needle.advance(0.02)
+    assert np.isclose(needle.depth, 0.03)
+    assert np.isclose(needle.t @ SIDE, np.sin((0.01 - 0.02) / PARAMS.radius), atol=1e-9)
+
+
 def test_the_shaft_runs_from_the_hole_to_the_tip_without_gaps():
     needle = path()
     needle.advance(0.05)

@@ -5,19 +5,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm_brachy.core.errors import CommandRefused
+from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.devices.insertion import InsertionProfile
-from arm_brachy.devices.needle_driver import NeedleDriver, NeedleDriverParams
+from arm_brachy.devices.needle_driver import (
+    NeedleDriver,
+    NeedleDriverParams,
+    nominal_offset,
+)
 
 HOLE, AXIS, SIDE = np.array([-0.1, 0.02, 0.03]), np.array([0.6, 0.8, 0.0]), np.array([0, 0, 1.0])
 EXACT = NeedleDriverParams(radius_spread=0.0, depth_noise=0.0, depth_error=0.0, force_noise=0.0,
-                           depth_latency=0.0)
+                           depth_latency=0.0, column=1, row=0)
 TICK = 0.05
+# Three columns along SIDE, two rows across it; the needle starts in column 1, row 0: HOLE.
+UP = np.cross(AXIS, SIDE)
+HOLES = HOLE + 5e-3 * (np.array([-1, 0, 1])[:, None, None] * SIDE
+                       + np.array([0, 1])[None, :, None] * UP)
 
 
 def driver(params=EXACT, seed=0):
-    return NeedleDriver(params, HOLE, AXIS, SIDE, np.random.default_rng(seed))
+    return NeedleDriver(replace(params, column=1, row=0), HOLES, AXIS, SIDE,
+                        np.random.default_rng(seed))
 
 
 def run(needle, seconds, force=0.0, start=0.0):
@@ -57,11 +66,47 @@ def test_told_straight_the_tip_is_wrong_by_the_deflection():
     assert np.isclose(error @ AXIS, R * np.sin(0.08 / R) - 0.08, rtol=1e-9)
 
 
-def test_the_bevel_turns_the_side_that_it_bends_to():
-    needle = driver(replace(EXACT, bevel=np.pi / 2))
+def test_the_roll_turns_the_side_that_it_bends_to():
+    needle = driver(replace(EXACT, roll=np.pi / 2))
     needle.command(0.08)
     bent = run(needle, 12.0)[-1].shaft[-1] - HOLE
     assert np.isclose(bent @ SIDE, 0.0, atol=1e-12) and bent @ np.cross(AXIS, SIDE) > 7e-3
+
+
+def test_half_a_turn_midway_brings_it_back_and_the_told_tip_knows():
+    needle = driver()
+    needle.command(0.04)
+    run(needle, 5.0)
+    needle.turn(np.pi)
+    needle.command(0.08)
+    state = run(needle, 5.0, start=5.0)[-1]
+    assert state.roll == np.pi
+    assert np.isclose(state.axes[-1] @ SIDE, 0.0, atol=1e-12)
+    assert np.allclose(state.tip_p, state.shaft[-1], atol=1e-9)
+    offset = nominal_offset(EXACT, AXIS, SIDE)
+    assert np.allclose(offset(np.pi, 0.04), offset(0.0, 0.04) * [1, 1, -1])
+
+
+def test_in_another_hole_it_goes_another_way():
+    needle = driver()
+    needle.command(0.02)
+    run(needle, 4.0)
+    with pytest.raises(CommandRefused, match='withdraw it first'):
+        needle.place(HOLES[2, 1], 0.0)
+    needle.command(0.0)
+    run(needle, 4.0, start=4.0)
+    with pytest.raises(CommandRefused, match='no hole at'):
+        needle.place(HOLES[2, 1] + 1e-3, 0.0)
+    needle.place(HOLES[2, 1], 0.3)
+    needle.command(0.05)
+    state = run(needle, 6.0, start=8.0)[-1]
+    assert np.allclose(state.shaft[0], HOLES[2, 1])
+    assert np.allclose(state.shaft[-1], HOLES[2, 1] + nominal_offset(EXACT, AXIS, SIDE)(0.3, 0.05))
+
+
+def test_a_hole_outside_the_grid_is_refused_in_one_line():
+    with pytest.raises(InputError, match='column = 3; must be 0 to 2'):
+        NeedleDriver(replace(EXACT, column=3), HOLES, AXIS, SIDE, np.random.default_rng(0))
 
 
 def test_the_measured_depth_has_its_noise_its_error_and_its_delay():
