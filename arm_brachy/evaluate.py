@@ -9,7 +9,7 @@ import numpy as np
 from arm_brachy import graph
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.paths import share_dir
-from arm_brachy.diagnosis.one_axis import measured_axes, reading_axis
+from arm_brachy.diagnosis.signals.force_axes import measured_axes, reading_axis
 from arm_brachy.estimation.registration import RegistrationFailed, register
 from arm_brachy.evaluation import regimes
 from arm_brachy.evaluation.assess import assess, estimates_to_result, to_result

@@ -29,6 +29,11 @@ ALLOWED = {
     'nodes': {*NUMERICAL, 'scenario', 'provenance', 'graph', 'cell', 'diagnosis'},
 }
 
+# Sub-packages and modules of the diagnosis, low to high: each may import what stands before it.
+DIAGNOSIS = ('progress', 'settings', 'statistics', 'signals', 'results', 'isolation', 'model',
+             'likelihood', 'estimation', 'selection', 'experiment_design', 'report', 'stages',
+             'free_vibration', 'monitoring', 'residual_monitor', 'pipeline', 'partial')
+
 # Each heavy package, and ROS, has its home; the generators of the trial and of a laboratory have
 # solvers of their own.
 HOMES = {
@@ -98,6 +103,20 @@ def test_every_part_has_a_row_in_the_layer_table():
 
 def test_imports_point_one_way_and_heavy_packages_stay_at_home():
     assert not offenders(lambda path, tree: forbidden(part(path), tree, ALLOWED.keys()))
+
+
+def test_the_diagnosis_is_layered():
+    home, rank = PACKAGE / 'diagnosis', {name: i for i, name in enumerate(DIAGNOSIS)}
+    wrong = []
+    for path in home.rglob('*.py'):
+        name = path.relative_to(home).parts[0].removesuffix('.py')
+        if name == '__init__':
+            continue
+        for used in imports(TREES[path]):
+            above = used.removeprefix('arm_brachy.diagnosis.').split('.')[0]
+            if used.startswith('arm_brachy.diagnosis.') and rank[above] > rank[name]:
+                wrong.append((str(path.relative_to(home)), used))
+    assert not wrong
 
 
 def test_nothing_is_imported_inside_a_function():

@@ -24,7 +24,7 @@ from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import share_dir
 from arm_brachy.core.quantity import quantities
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.hypothesis import strengths
+from arm_brachy.diagnosis.model.hypothesis import strengths
 from arm_brachy.evaluation.result import Result, Target
 from arm_brachy.experiments.catalogue import EXPERIMENTS
 from arm_brachy.tissue.box import box_mesh

@@ -11,9 +11,9 @@ from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.quantity import quantities
 from arm_brachy.core.scene import MeshFile
-from arm_brachy.diagnosis.cause import Cause, Estimate
-from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
-from arm_brachy.diagnosis.diagnosis import Diagnosis, Provenance
+from arm_brachy.diagnosis.report.answer import Diagnosis, Provenance
+from arm_brachy.diagnosis.report.corrected_scenario import base_scenario, write_corrected
+from arm_brachy.diagnosis.results.cause import Cause, Estimate
 from arm_brachy.registry import TERMS
 from arm_brachy.scenario import Overlay, load_cell
 

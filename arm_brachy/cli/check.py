@@ -9,7 +9,7 @@ import numpy as np
 from arm_brachy.cli.output import console, json_option, summary, working, writable
 from arm_brachy.core.errors import ArmBrachyError, InputError, MeshError, RecordingError
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.figures import body_of
+from arm_brachy.diagnosis.report.figures import body_of
 from arm_brachy.evaluation.scene_plate import SceneBody, scene_plate
 from arm_brachy.offline import load_run
 from arm_brachy.tissue.build import build_body

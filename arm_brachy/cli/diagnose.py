@@ -18,23 +18,23 @@ from arm_brachy.cli.progress import Clock, TimeIsOver, ended_after, shown
 from arm_brachy.core.config import load
 from arm_brachy.core.errors import ArmBrachyError, ConfigError, InputError, Interrupted
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis import diagnose as stages
-from arm_brachy.diagnosis import words
-from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
-from arm_brachy.diagnosis.diagnosis import Provenance
-from arm_brachy.diagnosis.evidence import load_evidence, told_apart, zero_of
-from arm_brachy.diagnosis.finding import Calibration
-from arm_brachy.diagnosis.free_run import as_let_go
-from arm_brachy.diagnosis.free_screening import is_free
-from arm_brachy.diagnosis.motion import motion_of
-from arm_brachy.diagnosis.next_steps import what_next
-from arm_brachy.diagnosis.page import write_diagnosis
+from arm_brachy.diagnosis import pipeline as stages
+from arm_brachy.diagnosis.experiment_design.moves import moves_of
+from arm_brachy.diagnosis.free_vibration.corrected_run import as_let_go
+from arm_brachy.diagnosis.free_vibration.screening import is_free
 from arm_brachy.diagnosis.partial import partial_answer, quick_answer
 from arm_brachy.diagnosis.progress import FREE_STEPS, STEPS, UNITS
-from arm_brachy.diagnosis.pushes import moves_of
-from arm_brachy.diagnosis.screening import Known
-from arm_brachy.diagnosis.statements import edge_unit
-from arm_brachy.diagnosis.wording import parameter
+from arm_brachy.diagnosis.report import sentences
+from arm_brachy.diagnosis.report.answer import Provenance
+from arm_brachy.diagnosis.report.corrected_scenario import base_scenario, write_corrected
+from arm_brachy.diagnosis.report.next_steps import what_next
+from arm_brachy.diagnosis.report.page import write_diagnosis
+from arm_brachy.diagnosis.results.formatting import parameter
+from arm_brachy.diagnosis.results.parts import edge_unit
+from arm_brachy.diagnosis.settings import Calibration
+from arm_brachy.diagnosis.signals.loading import load_evidence, told_apart, zero_of
+from arm_brachy.diagnosis.signals.motion import motion_of
+from arm_brachy.diagnosis.stages import Known
 
 SCREENED = 5    # candidates of a linear screen that the terminal shows; the page shows more
 
@@ -204,16 +204,16 @@ def _corrected(found, evidences, shown, scene, folder):
 
 
 def _show(found, folder):
-    console.print(' '.join(filter(None, (found.sentence, words.remaining(found)))),
+    console.print(' '.join(filter(None, (found.sentence, sentences.remaining(found)))),
                   highlight=False)
     if found.nearest is not None:
-        console.print(words.nearest(found), highlight=False)
-    for numbers in words.numbers(found):
+        console.print(sentences.nearest(found), highlight=False)
+    for numbers in sentences.numbers(found):
         console.print(f'found     {numbers}', highlight=False)
     for name, _, *numbers in found.fitted_anyway():
         console.print(f'fitted    {parameter(name, *numbers)}', highlight=False)
     for one in found.screen[:SCREENED]:
-        console.print(f'screen    {words.screened(one)}', highlight=False)
+        console.print(f'screen    {sentences.screened(one)}', highlight=False)
     if found.fit:
         show_table(summary('held-out error (rms per axis)', tuple(map(_row, found.fit)),
                            seed=found.provenance.seed))

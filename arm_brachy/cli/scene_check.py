@@ -5,9 +5,9 @@ Test: test_cli_imports.py
 """
 
 from arm_brachy.core.errors import RecordingError
-from arm_brachy.diagnosis.evidence import load_evidence
-from arm_brachy.diagnosis.prepared import prepare
-from arm_brachy.diagnosis.rest_pose import exchanged_findings
+from arm_brachy.diagnosis.isolation.sensor_offsets import exchanged_findings
+from arm_brachy.diagnosis.signals.loading import load_evidence
+from arm_brachy.diagnosis.signals.preparation import prepare
 
 
 def check_recording(bag, scene):

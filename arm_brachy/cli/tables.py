@@ -8,7 +8,7 @@ from arm_brachy.cli.output import console
 from arm_brachy.cli.term_sheet import term_sheet
 from arm_brachy.core.config import key_rows
 from arm_brachy.core.scene import Scene
-from arm_brachy.diagnosis.finding import Calibration
+from arm_brachy.diagnosis.settings import Calibration
 from arm_brachy.recording.csv_map import ColumnMap
 from arm_brachy.recording.topic_map import TopicMap
 from arm_brachy.scenario import Scenario

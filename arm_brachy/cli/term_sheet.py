@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 
 from arm_brachy import registry
 from arm_brachy.core.quantity import UNITS, quantities
-from arm_brachy.diagnosis.hypothesis import strengths
+from arm_brachy.diagnosis.model.hypothesis import strengths
 from arm_brachy.scenario import PADS_BY_NUMBER
 
 WIDTH = 96

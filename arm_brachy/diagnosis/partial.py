@@ -2,7 +2,7 @@
 
 No verdict is given. Findings without a tissue model that have no rival are told as causes, as a
 full run tells them; candidate terms are ranked by their sensitivities alone (first order), and by
-a full fit where one is over. Source of the ranking: `decide.Judge.singles`.
+a full fit where one is over. Source of the ranking: `judge.Judge.singles`.
 Test: diagnosis/test_partial.py
 """
 
@@ -13,26 +13,28 @@ from threadpoolctl import threadpool_limits
 
 from arm_brachy.core.quantity import UNITS, quantities
 from arm_brachy.core.random import stream
-from arm_brachy.diagnosis import conclude, free_trace
-from arm_brachy.diagnosis.adequacy import scan
-from arm_brachy.diagnosis.assembly import assemble
-from arm_brachy.diagnosis.curves import worst_curves
-from arm_brachy.diagnosis.decide import Judge, Rules
-from arm_brachy.diagnosis.diagnose import Answer, refuse_unfit
-from arm_brachy.diagnosis.diagnosis import Diagnosis
-from arm_brachy.diagnosis.figures import body_of
-from arm_brachy.diagnosis.finding_causes import with_findings
-from arm_brachy.diagnosis.free_answer import recordings_of as free_recordings
-from arm_brachy.diagnosis.free_findings import base_marker_findings
-from arm_brachy.diagnosis.free_screening import free_screen, is_free
-from arm_brachy.diagnosis.given import given
-from arm_brachy.diagnosis.hypotheses import Tried
-from arm_brachy.diagnosis.page import Shown
+from arm_brachy.diagnosis.free_vibration import held_out as free_trace
+from arm_brachy.diagnosis.free_vibration.answer import recordings_of as free_recordings
+from arm_brachy.diagnosis.free_vibration.findings import base_marker_findings
+from arm_brachy.diagnosis.free_vibration.screening import free_screen, is_free
+from arm_brachy.diagnosis.isolation.handover import given
+from arm_brachy.diagnosis.pipeline import Answer, refuse_unfit
 from arm_brachy.diagnosis.progress import ERRORS, FREE_STEPS, STEPS, untold
-from arm_brachy.diagnosis.screening import Known, Quick, notes_of, recordings_of, screen
-from arm_brachy.diagnosis.statements import Screened, StreamFit, Unfinished
-from arm_brachy.diagnosis.traces import traces
-from arm_brachy.diagnosis.wording import figures
+from arm_brachy.diagnosis.report import conclusions
+from arm_brachy.diagnosis.report.answer import Diagnosis
+from arm_brachy.diagnosis.report.curves import worst_curves
+from arm_brachy.diagnosis.report.figures import body_of
+from arm_brachy.diagnosis.report.finding_causes import with_findings
+from arm_brachy.diagnosis.report.page import Shown
+from arm_brachy.diagnosis.report.traces import traces
+from arm_brachy.diagnosis.results.formatting import figures
+from arm_brachy.diagnosis.results.parts import Screened, StreamFit, Unfinished
+from arm_brachy.diagnosis.selection.judge import Judge
+from arm_brachy.diagnosis.selection.problem import assemble, left_over
+from arm_brachy.diagnosis.selection.screening import Tried
+from arm_brachy.diagnosis.settings import Rules
+from arm_brachy.diagnosis.stages import Known, Quick, notes_of, recordings_of, screen
+from arm_brachy.diagnosis.statistics.misfit_scan import scan
 from arm_brachy.tissue.build import load_scene_mesh
 
 MOST = 12       # candidates that are listed
@@ -40,10 +42,10 @@ MOST = 12       # candidates that are listed
 
 @threadpool_limits.wrap(limits=1)
 def partial_answer(known, provenance, why, seconds, simplified=()):
-    """Return the Answer, verdict 'partial', of a screening.Known in which steps are missing.
+    """Return the Answer, verdict 'partial', of a stages.Known in which steps are missing.
 
-    provenance : diagnosis.Provenance without recordings;  why, simplified : as in
-    statements.Unfinished;  seconds : since the start
+    provenance : answer.Provenance without recordings;  why, simplified : as in
+    parts.Unfinished;  seconds : since the start
     """
     steps = FREE_STEPS if is_free(known.evidences[0].scene) else STEPS
     unfinished = Unfinished(why, float(seconds), tuple(known.steps), tuple(
@@ -71,8 +73,8 @@ def quick_answer(evidences, provenance, *, held_out=(), null=(), progress=untold
                  calibration=None, known=None, quick=None):
     """Return the Answer, verdict 'partial', of a quick look: no full fits, fewer load states.
 
-    Arguments as of `diagnose.diagnose`;  quick : screening.Quick
-    Raises what `diagnose.diagnose` raises.
+    Arguments as of `pipeline.diagnose`;  quick : stages.Quick
+    Raises what `pipeline.diagnose` raises.
     """
     start, quick = time.monotonic(), quick or Quick()
     known = Known() if known is None else known
@@ -94,10 +96,10 @@ def _compared(known, seed):
     assembly = known.assembly or assemble(known.matched, known.tried or Tried((), ()), sound)
     problem, rng = assembly.problem, stream(seed, 'decision')
     left = scan(problem.U, problem.r, problem.tests, rng, together=problem.together)
-    fit = conclude.errors_of(assembly, None, known.ratio, known.tests)
+    fit = conclusions.errors_of(assembly, None, known.ratio, known.tests)
     where, when = () if left.chance >= Rules().alarm else (), ()
     if left.chance < Rules().alarm:
-        where, when = conclude.unexplained(assembly, left.worst, conclude.left_over(assembly, ()))
+        where, when = conclusions.unexplained(assembly, left.worst, left_over(assembly, ()))
     specimen = known.matched[0].baseline.model.specimen
     return {'fit': fit, 'chance': left.chance, 'where': where, 'when': when,
             'screen': _ranked(problem, [(one, [s.spread for s in one.strengths])
@@ -108,7 +110,7 @@ def _compared(known, seed):
 
 
 def _ranked(problem, hypotheses, gains):
-    """statements.Screened of the best candidates of a decide.Problem, best first.
+    """statements.Screened of the best candidates of a judge.Problem, best first.
 
     hypotheses : (Hypothesis, (p,) standard deviations of its priors in typical sizes) of its
         explanations, in their order;  gains : as of `full_fits.FullFits.gains`
@@ -161,7 +163,7 @@ def _of_free(known, provenance, unfinished):
 
 
 def _as_given(free, look):
-    """StreamFit of a free_look.Look, by the scene as it came and at the modulus that fits."""
+    """StreamFit of a look.Look, by the scene as it came and at the modulus that fits."""
     def error(specimens):
         specimen = specimens[look.scene.name]
         case = look.case(free.specimens[look.scene.name], free.study.priors)

@@ -9,9 +9,9 @@ import time
 
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import share_dir
-from arm_brachy.diagnosis.diagnose import diagnose
-from arm_brachy.diagnosis.diagnosis import Provenance
-from arm_brachy.diagnosis.page import write_diagnosis
+from arm_brachy.diagnosis.pipeline import diagnose
+from arm_brachy.diagnosis.report.answer import Provenance
+from arm_brachy.diagnosis.report.page import write_diagnosis
 from arm_brachy.evaluation.result import commit_of, machine_description
 
 
@@ -35,7 +35,7 @@ def keep(path, ask):
 def diagnosed(evidences, name, scene, page, *, seed, held_out=()):
     """The answer of the diagnosis as JSON holds it; its page is written to `page`.
 
-    evidences, held_out : evidence.Evidence;  name, scene : of what is shown, in words
+    evidences, held_out : loading.Evidence;  name, scene : of what is shown, in words
     """
     source = Provenance(name, seed, commit_of(share_dir()), str(machine_description()), scene, ())
     answer = diagnose(evidences, source, held_out=held_out)

@@ -12,12 +12,12 @@ from pathlib import Path
 from arm_brachy.core import config
 from arm_brachy.core.paths import config_dir, share_dir
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.diagnose import diagnose
-from arm_brachy.diagnosis.diagnosis import Provenance
-from arm_brachy.diagnosis.evidence import load_evidence, zero_of
-from arm_brachy.diagnosis.page import write_diagnosis
-from arm_brachy.diagnosis.statements import edge_unit
-from arm_brachy.diagnosis.wording import spoken
+from arm_brachy.diagnosis.pipeline import diagnose
+from arm_brachy.diagnosis.report.answer import Provenance
+from arm_brachy.diagnosis.report.page import write_diagnosis
+from arm_brachy.diagnosis.results.formatting import spoken
+from arm_brachy.diagnosis.results.parts import edge_unit
+from arm_brachy.diagnosis.signals.loading import load_evidence, zero_of
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.experiments import dome_rig, recordings, silicone_beam
 from arm_brachy.experiments.parallel import process_pool

@@ -22,7 +22,7 @@ from arm_brachy.core.paths import config_dir
 from arm_brachy.core.quantity import quantity
 from arm_brachy.core.random import stream
 from arm_brachy.core.term import Kind
-from arm_brachy.diagnosis.hypothesis import hypothesis
+from arm_brachy.diagnosis.model.hypothesis import hypothesis
 from arm_brachy.registry import TERMS, by_name
 from arm_brachy.scenario import load_cell
 from arm_brachy.tissue.mesh import boundary_faces, load_mesh

@@ -20,9 +20,9 @@ from pathlib import Path
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import run_dir, share_dir
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.diagnose import diagnose
-from arm_brachy.diagnosis.diagnosis import Provenance
-from arm_brachy.diagnosis.evidence import evidence_of
+from arm_brachy.diagnosis.pipeline import diagnose
+from arm_brachy.diagnosis.report.answer import Provenance
+from arm_brachy.diagnosis.signals.loading import evidence_of
 from arm_brachy.evaluation.result import commit_of, machine_description
 from arm_brachy.experiments.diagnosis_cases import ALL, hasty_pool, load, make
 from arm_brachy.experiments.diagnosis_plan import SCENE, SEED, plan

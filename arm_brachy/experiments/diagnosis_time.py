@@ -15,8 +15,8 @@ from pathlib import Path
 
 from arm_brachy.core.paths import share_dir
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.specimen import specimen_of
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.signals.loading import evidence_of
 from arm_brachy.evaluation.result import Result, Target, commit_of, machine_description
 from arm_brachy.experiments import dome_rig, recordings
 from arm_brachy.experiments.diagnosis_cases import load, store

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from arm_brachy.core.paths import share_dir
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.evidence import load_evidence
+from arm_brachy.diagnosis.signals.loading import load_evidence
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.experiments.answers import diagnosed, keep
 from arm_brachy.experiments.diagnosis_cases import hasty_pool

@@ -4,18 +4,18 @@ A base that is loose within a radius is loose at whole nodes, a lump is stiff at
 quadrature. Two meshes of the breast, with the pads' rims among their edges and of about one size,
 are pushed with and without such a term, every pad alone and neighbours together. Its effect on one
 mesh is compared with that on the other: how many times as large it is there (`scale`), and what it
-differs by besides (`rest`, a share of it). `diagnosis.law_error` allows for both.
-Test: experiments/test_node_errors.py
+differs by besides (`rest`, a share of it). `diagnosis.likelihood.constitutive_error` allows for
+both. Test: experiments/test_node_errors.py
 """
 
 import numpy as np
 
 from arm_brachy.core.paths import config_dir, share_dir
 from arm_brachy.core.scene import load_scene, with_mesh
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.stream import FORCE, OPTICAL
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.signals.motion import Path
+from arm_brachy.diagnosis.signals.stream import FORCE, OPTICAL
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.registry import parse_terms
 

@@ -1,18 +1,18 @@
 """What an answer of the diagnosis says of a case whose truth is known, for the rows of a table.
 
-An answer is a diagnosis.Diagnosis as JSON holds it, or {'error': text}. A case is anything with
+An answer is a answer.Diagnosis as JSON holds it, or {'error': text}. A case is anything with
 `term` (of the registry, None = nothing is missing), `truth` (its parameters as an answer spells
 them, the first is shown) and `place` (fields of the term that select, as in an answer). Right is
 the planted term named alone, or at the head of a class; where nothing was planted,
 `nothing_missing`. What the registry has no term for has the term OUTSIDE: right is `unexplained`
-without a cause, `place` is then of statements.Place and `truth` has at most the onset. Where a
+without a cause, `place` is then of parts.Place and `truth` has at most the onset. Where a
 laboratory leaves clocks or frames off by more than others do, to say so is never wrong: `beside`
 has the terms that it amounts to.
 """
 
 import numpy as np
 
-from arm_brachy.diagnosis.wording import spoken
+from arm_brachy.diagnosis.results.formatting import spoken
 from arm_brachy.experiments.diagnosis_score import MESH, all_hold, explanations
 
 STREAMS = {'optical': 'mm', 'em': 'mm', 'force': 'N'}

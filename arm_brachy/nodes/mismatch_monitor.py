@@ -5,9 +5,9 @@ from rclpy.node import Node
 
 from arm_brachy import cell, graph
 from arm_brachy.core.outcome import Outcome
-from arm_brachy.diagnosis.departures import Limits, watched
-from arm_brachy.diagnosis.monitor import Monitor
-from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
+from arm_brachy.diagnosis.monitoring import Limits, watched
+from arm_brachy.diagnosis.residual_monitor import Monitor
+from arm_brachy.diagnosis.signals.stream import EM, FORCE, OPTICAL
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.spin import spin_node
@@ -34,7 +34,7 @@ class MismatchMonitorNode(Node):
          force/<pad>/wrench   WrenchStamped
     out  cell/outcome         StepOutcome     DEPARTED when a departure begins, OK at the end
          /diagnostics         DiagnosticArray a warning while there is one, all of them listed
-    par  scenario, and every quantity of departures.Limits
+    par  scenario, and every quantity of monitoring.Limits
     """
 
     def __init__(self, **kwargs):

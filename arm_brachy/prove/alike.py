@@ -20,10 +20,10 @@ import numpy as np
 
 from arm_brachy.core.errors import ArmBrachyError, InputError
 from arm_brachy.core.paths import run_dir, share_dir
-from arm_brachy.diagnosis.assembly import stacked_nuisances
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.inference import detectability
-from arm_brachy.diagnosis.mesh_errors import NAMES
+from arm_brachy.diagnosis.likelihood.discretisation import NAMES
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.selection.problem import stacked_nuisances
+from arm_brachy.diagnosis.statistics.linear_gaussian import detectability
 from arm_brachy.evaluation.result import commit_of
 from arm_brachy.experiments.blind_trials import ALIKE, alike_lines
 from arm_brachy.prove.folder import TrialFolder, write_json

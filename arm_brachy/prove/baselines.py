@@ -1,7 +1,7 @@
 """Five simple ways to answer, on the same cases and the same whitened residual as the diagnosis.
 
 All get what the detector has after its model: the residual r, what may be in it anyway U, and the
-response of every term at every place (`decide.Problem`). Three name causes; recalibration alone
+response of every term at every place (`judge.Problem`). Three name causes; recalibration alone
 and a Gaussian process name nothing.
 - recalibrate only: nothing is missing, whatever is left.
 - Gaussian process: as above; what is left is learnt as a function of pad travel (Rasmussen &

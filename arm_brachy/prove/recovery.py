@@ -15,10 +15,10 @@ import numpy as np
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.scene import load_scene
 from arm_brachy.core.term import Kind
-from arm_brachy.diagnosis.forward import STAGES, ForwardModel
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.stream import FORCE
-from arm_brachy.diagnosis.transmission import Path as Travel
+from arm_brachy.diagnosis.model.forward import STAGES, ForwardModel
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.signals.motion import Path as Travel
+from arm_brachy.diagnosis.signals.stream import FORCE
 from arm_brachy.experiments.diagnosis_score import MESH
 from arm_brachy.prove.folder import read_json, write_json
 from arm_brachy.registry import by_name, parse_terms

@@ -8,18 +8,18 @@ import numpy as np
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.random import stream
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.assembly import assemble
-from arm_brachy.diagnosis.evidence import load_evidence
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.given import given, occasions_of
-from arm_brachy.diagnosis.hypotheses import try_all
-from arm_brachy.diagnosis.matched import match
-from arm_brachy.diagnosis.mesh_errors import ensemble_of
-from arm_brachy.diagnosis.mesh_limit import at_limit
-from arm_brachy.diagnosis.modulus import modulus_ratio, scaled
-from arm_brachy.diagnosis.observables import channels_of
-from arm_brachy.diagnosis.recorded import look
-from arm_brachy.diagnosis.specimen import specimen_of
+from arm_brachy.diagnosis.isolation.handover import given, occasions_of
+from arm_brachy.diagnosis.isolation.recordings import look
+from arm_brachy.diagnosis.likelihood.discretisation import ensemble_of
+from arm_brachy.diagnosis.likelihood.match import match
+from arm_brachy.diagnosis.likelihood.observation import channels_of
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.modulus import modulus_ratio, scaled
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.selection.mesh_convergence import at_limit
+from arm_brachy.diagnosis.selection.problem import assemble
+from arm_brachy.diagnosis.selection.screening import try_all
+from arm_brachy.diagnosis.signals.loading import load_evidence
 from arm_brachy.prove import recovery
 from arm_brachy.prove.baselines import answers, gaussian_process
 from arm_brachy.prove.folder import read_json, write_json
@@ -65,7 +65,7 @@ def answer(path, heldout, truth):
 def process_error(matched, heldout, truth):
     """Error of the recalibrated model with a Gaussian process for the rest; None if it has none.
 
-    matched : matched.Matched;  heldout : .npz as `recovery.recover` reads it
+    matched : match.Matched;  heldout : .npz as `recovery.recover` reads it
     """
     if truth['withheld'] or not truth['effects']:
         return None
@@ -100,7 +100,7 @@ def learn(matched, kind, travels):
 
 
 def problem_of(bag, scene):
-    """(decide.Problem, Matched) of one recording: no findings, no decision, no full fit.
+    """(judge.Problem, Matched) of one recording: no findings, no decision, no full fit.
 
     The problem at the limit of finer elements where the recording bears it out, as the detector's.
     """

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from arm_brachy.diagnosis.finding import Calibration
+from arm_brachy.diagnosis.settings import Calibration
 from arm_brachy.prove.answering import ABSOLUTE
 from arm_brachy.prove.generator.catalogue import Effect
 from arm_brachy.prove.generator.history import law_of

@@ -21,13 +21,13 @@ import numpy as np
 
 from arm_brachy.core.errors import ArmBrachyError, InputError
 from arm_brachy.core.paths import run_dir, share_dir
-from arm_brachy.diagnosis.adequacy import scan
-from arm_brachy.diagnosis.assembly import stacked_nuisances
-from arm_brachy.diagnosis.inference import detectability
-from arm_brachy.diagnosis.mesh_errors import NAMES
-from arm_brachy.diagnosis.observables import channels_of
-from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
-from arm_brachy.diagnosis.structured_tests import structured_tests
+from arm_brachy.diagnosis.likelihood.discretisation import NAMES
+from arm_brachy.diagnosis.likelihood.observation import channels_of
+from arm_brachy.diagnosis.selection.misfit_tests import structured_tests
+from arm_brachy.diagnosis.selection.problem import stacked_nuisances
+from arm_brachy.diagnosis.signals.stream import EM, FORCE, OPTICAL
+from arm_brachy.diagnosis.statistics.linear_gaussian import detectability
+from arm_brachy.diagnosis.statistics.misfit_scan import scan
 from arm_brachy.evaluation.result import commit_of
 from arm_brachy.experiments.blind_trials import HIDES, hidden_lines
 from arm_brachy.prove import plan, seal, source

@@ -7,12 +7,12 @@ from arm_brachy.control.moves import Move, PadTarget
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.random import stream
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.cause import Cause, Estimate
-from arm_brachy.diagnosis.diagnosis import Diagnosis, Provenance
-from arm_brachy.diagnosis.figures import Trace, body_of
-from arm_brachy.diagnosis.finding import Finding
-from arm_brachy.diagnosis.page import Shown
-from arm_brachy.diagnosis.statements import (
+from arm_brachy.diagnosis.report.answer import Diagnosis, Provenance
+from arm_brachy.diagnosis.report.figures import Trace, body_of
+from arm_brachy.diagnosis.report.page import Shown
+from arm_brachy.diagnosis.results.cause import Cause, Estimate
+from arm_brachy.diagnosis.results.finding import Finding
+from arm_brachy.diagnosis.results.parts import (
     Alternative,
     Interval,
     Limit,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from arm_brachy.diagnosis.adequacy import scan
+from arm_brachy.diagnosis.statistics.misfit_scan import scan
 
 CHANNELS, STATES = 40, 50
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.random import stream as draws
-from arm_brachy.diagnosis.astray import _asked, _uneven
+from arm_brachy.diagnosis.selection.pad_marker_check import _asked, _uneven
 
 SD = np.array([0.2, 0.2, 0.25, 0.3, 0.3, 0.5, 0.5])
 
@@ -24,15 +24,16 @@ def test_a_kind_that_does_not_show_the_change_says_nothing():
 
 
 class _Rows:
-    """As `matched.Matched`, as far as it is asked here: four kinds of push, one pad's marker."""
+    """As `match.Matched`, as far as it is asked here: four kinds of push, one pad's marker."""
 
     def __init__(self, monkeypatch, effect, other):
         rng, n = draws(2, 'astray'), 800
         self.kinds = np.repeat(np.array(['a', 'b', 'c', 'd'], dtype=object), n // 4)
         e = np.repeat([1.0, 1.5, 0.5, 1.0], n // 4) * np.sin(0.3 * np.arange(n))
         r = rng.standard_normal(n) + effect * e + other * np.where(self.kinds == 'b', e, 0.0)
-        monkeypatch.setattr('arm_brachy.diagnosis.astray._ways', lambda *of: (e, r))
-        monkeypatch.setattr('arm_brachy.diagnosis.astray._others',
+        monkeypatch.setattr('arm_brachy.diagnosis.selection.pad_marker_check._ways',
+                        lambda *of: (e, r))
+        monkeypatch.setattr('arm_brachy.diagnosis.selection.pad_marker_check._others',
                             lambda *of: np.ones(n, dtype=bool))
 
 

@@ -8,10 +8,10 @@ import pytest
 
 from arm_brachy.core.paths import share_dir
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis import words
-from arm_brachy.diagnosis.blur import cut_rims, with_mesh
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.statements import StreamFit
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.report import sentences
+from arm_brachy.diagnosis.report.mesh_notes import cut_rims, with_mesh
+from arm_brachy.diagnosis.results.parts import StreamFit
 from arm_brachy.tissue.meshing import mesh_surface
 from arm_brachy.tissue.rims import frame
 
@@ -53,6 +53,6 @@ def test_what_the_mesh_may_be_wrong_by_is_told_beside_the_noise():
 def test_a_sentence_does_not_call_nothing_what_the_mesh_may_hide(mesh, error, blurred):
     """Noise of 20 um: an error well above it that the mesh may make is no clean bill."""
     fit = StreamFit('optical', 1.0, error, 2e-5, mesh=mesh)
-    said = words.verdict(SimpleNamespace(verdict='nothing_missing', fit=(fit,)))
+    said = sentences.verdict(SimpleNamespace(verdict='nothing_missing', fit=(fit,)))
     assert ('that this mesh lets show' in said) == blurred
     assert ('mesh: up to 0.100 mm' in said) == blurred

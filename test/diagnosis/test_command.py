@@ -11,8 +11,8 @@ from arm_brachy.cli import main
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.cause import Cause
-from arm_brachy.diagnosis.finding import Calibration
+from arm_brachy.diagnosis.results.cause import Cause
+from arm_brachy.diagnosis.settings import Calibration
 
 SCENE = str(config_dir() / 'scenes' / 'breast.yaml')
 LOADED = str(config_dir() / 'scenes' / 'silicone_beam_load52.yaml')

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.conclude import places_of, unexplained
-from arm_brachy.diagnosis.freedom import Chart, Space
-from arm_brachy.diagnosis.observables import Row
-from arm_brachy.diagnosis.pooled_tests import Past
-from arm_brachy.diagnosis.whereabouts import radius_of
+from arm_brachy.diagnosis.estimation.parameters import Chart, Space
+from arm_brachy.diagnosis.likelihood.observation import Row
+from arm_brachy.diagnosis.report.conclusions import places_of, unexplained
+from arm_brachy.diagnosis.report.localisation import radius_of
+from arm_brachy.diagnosis.selection.pooled_misfit_tests import Past
 from arm_brachy.tissue.terms.reference_shape import ReferenceShape
 
 MARKERS, ROWS = ('left', 'right', 'top'), 60
@@ -17,7 +17,8 @@ MARKERS, ROWS = ('left', 'right', 'top'), 60
 
 def test_only_markers_that_show_more_than_noise_say_where(monkeypatch):
     """A force alone is off: markers at their noise are no place. One of them as well: it is."""
-    monkeypatch.setattr('arm_brachy.diagnosis.conclude._times', lambda assembly, values: ())
+    monkeypatch.setattr('arm_brachy.diagnosis.report.conclusions._times',
+                        lambda assembly, values: ())
     assembly, noise = made_up(), np.random.default_rng(3).normal(size=ROWS * len(MARKERS))
     places, _ = unexplained(assembly, 0, noise)
     assert [(p.stream, p.channel) for p in places] == [('force', 'pad_1')]
@@ -27,7 +28,8 @@ def test_only_markers_that_show_more_than_noise_say_where(monkeypatch):
 
 
 def test_a_channel_says_when_in_the_recordings_that_have_it(monkeypatch):
-    monkeypatch.setattr('arm_brachy.diagnosis.conclude._times', lambda assembly, values: values)
+    monkeypatch.setattr('arm_brachy.diagnosis.report.conclusions._times',
+                        lambda assembly, values: values)
     assembly = made_up()
     other = SimpleNamespace(r=np.zeros(5), observables=SimpleNamespace(
         rows=[Row('force', 'pad_1', axis=2, state=k) for k in range(5)]))
@@ -39,7 +41,8 @@ def test_a_channel_says_when_in_the_recordings_that_have_it(monkeypatch):
 
 def test_a_drift_too_faint_for_any_state_says_when_it_began(monkeypatch):
     """0.9 sd in each of three axes from the 40th of 60 states on; noise alone is as large."""
-    monkeypatch.setattr('arm_brachy.diagnosis.conclude._times', lambda assembly, values: values)
+    monkeypatch.setattr('arm_brachy.diagnosis.report.conclusions._times',
+                        lambda assembly, values: values)
     assembly = made_up()
     rows = [Row('force', 'pad_1', axis=axis, state=k) for axis in range(3) for k in range(ROWS)]
     assembly.matched[0].observables.rows = rows
@@ -53,7 +56,8 @@ def test_a_drift_too_faint_for_any_state_says_when_it_began(monkeypatch):
 
 def test_a_past_says_when_what_is_left_does_as_it_has_it(monkeypatch):
     """Its column is as large at rest, where nothing is left but noise."""
-    monkeypatch.setattr('arm_brachy.diagnosis.conclude._times', lambda assembly, values: values)
+    monkeypatch.setattr('arm_brachy.diagnosis.report.conclusions._times',
+                        lambda assembly, values: values)
     assembly = made_up()
     column = np.where(np.arange(ROWS) < 30, -1.0, 1.0)
     assembly.tests = (Past('maximum', 'pad_1', 'pad_1'),)
@@ -66,7 +70,8 @@ def test_a_past_says_when_what_is_left_does_as_it_has_it(monkeypatch):
 
 def test_when_is_told_of_no_null_recording(monkeypatch):
     """Both are off by as much in their second state; in one of them nothing is wrong."""
-    monkeypatch.setattr('arm_brachy.diagnosis.conclude.intervals', lambda m, size: (m.name, *size))
+    monkeypatch.setattr('arm_brachy.diagnosis.report.conclusions.intervals',
+                        lambda m, size: (m.name, *size))
     suspect, null = (SimpleNamespace(
         name=name, r=np.zeros(3), observables=SimpleNamespace(
             states=np.arange(3), rows=[Row('force', 'pad_1', axis=2, state=k) for k in range(3)]),

@@ -12,8 +12,12 @@ from arm_brachy.core.errors import ConfigError, InputError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import MeshFile
 from arm_brachy.devices.terms.backlash import Backlash
-from arm_brachy.diagnosis.cause import Cause, Estimate
-from arm_brachy.diagnosis.corrected import base_scenario, with_absolute_paths, write_corrected
+from arm_brachy.diagnosis.report.corrected_scenario import (
+    base_scenario,
+    with_absolute_paths,
+    write_corrected,
+)
+from arm_brachy.diagnosis.results.cause import Cause, Estimate
 from arm_brachy.registry import to_entries
 from arm_brachy.scenario import Overlay, bundle, load_cell, unbundle
 

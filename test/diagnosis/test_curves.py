@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.errors import InputError
-from arm_brachy.diagnosis.curves import Curve, curve_plate
-from arm_brachy.diagnosis.free_curves import FreePath, free_curves, free_traces
+from arm_brachy.diagnosis.free_vibration.curves import FreePath, free_curves, free_traces
+from arm_brachy.diagnosis.report.curves import Curve, curve_plate
 
 T = np.linspace(0.0, 2.0, 81)
 

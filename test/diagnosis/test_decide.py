@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.adequacy import Scan
-from arm_brachy.diagnosis.decide import Decision, Explanation, Judge, Problem
-from arm_brachy.diagnosis.laplace import Gain
+from arm_brachy.diagnosis.estimation.laplace import Gain
+from arm_brachy.diagnosis.selection.judge import Decision, Explanation, Judge, Problem
+from arm_brachy.diagnosis.statistics.misfit_scan import Scan
 
 CHANNELS, STATES, CAUSES = 12, 30, 8
 

@@ -14,17 +14,17 @@ from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene, with_mesh
 from arm_brachy.devices.terms.axis_crosstalk import AxisCrosstalk
-from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
-from arm_brachy.diagnosis.diagnose import diagnose
-from arm_brachy.diagnosis.diagnosis import Provenance
-from arm_brachy.diagnosis.evidence import Evidence
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.mesh_errors import EnsembleOptions
-from arm_brachy.diagnosis.page import write_diagnosis
+from arm_brachy.diagnosis.likelihood.discretisation import EnsembleOptions
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.specimen import attach, specimen_of
+from arm_brachy.diagnosis.pipeline import diagnose
 from arm_brachy.diagnosis.progress import FITS, STEPS
-from arm_brachy.diagnosis.specimen import attach, specimen_of
-from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE, Stream
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.report.answer import Provenance
+from arm_brachy.diagnosis.report.corrected_scenario import base_scenario, write_corrected
+from arm_brachy.diagnosis.report.page import write_diagnosis
+from arm_brachy.diagnosis.signals.loading import Evidence
+from arm_brachy.diagnosis.signals.motion import Path
+from arm_brachy.diagnosis.signals.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE, Stream
 from arm_brachy.registry import parse_terms
 from arm_brachy.scenario import load_cell
 from arm_brachy.tissue.dynamics import DynamicOptions

@@ -10,10 +10,10 @@ from arm_brachy.core import config
 from arm_brachy.core.errors import ConfigError, InputError
 from arm_brachy.core.scene import Marker, MeshFile, PadPatch, Region, Scene
 from arm_brachy.devices.terms.backlash import Backlash
-from arm_brachy.diagnosis.cause import Cause, Estimate
-from arm_brachy.diagnosis.finding import Finding
-from arm_brachy.diagnosis.from_finding import cause_of, interval_of, place_of
-from arm_brachy.diagnosis.statements import Interval, NextExperiment, Place, StreamFit
+from arm_brachy.diagnosis.report.finding_estimates import cause_of, interval_of, place_of
+from arm_brachy.diagnosis.results.cause import Cause, Estimate
+from arm_brachy.diagnosis.results.finding import Finding
+from arm_brachy.diagnosis.results.parts import Interval, NextExperiment, Place, StreamFit
 from arm_brachy.scenario import Scenario
 
 # ARCHITECTURE's eight, then what explains them

@@ -13,11 +13,11 @@ import pytest
 
 from arm_brachy.core.errors import InputError, RecordingError
 from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, PointLoad, Region, Scene
-from arm_brachy.diagnosis.diagnose import diagnose
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.free_body import free_diagnosis_parts
-from arm_brachy.diagnosis.free_screening import is_free
-from arm_brachy.diagnosis.stream import OPTICAL
+from arm_brachy.diagnosis.free_vibration.pipeline import free_diagnosis_parts
+from arm_brachy.diagnosis.free_vibration.screening import is_free
+from arm_brachy.diagnosis.pipeline import diagnose
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.stream import OPTICAL
 from arm_brachy.evaluation.timeseries import OpticalFrames, RunData
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.build import build_body

@@ -5,13 +5,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from arm_brachy.diagnosis.free_doors import MISSED, stood_back, told_apart
-from arm_brachy.diagnosis.statements import StreamFit
+from arm_brachy.diagnosis.free_vibration.vetoes import MISSED, stood_back, told_apart
+from arm_brachy.diagnosis.results.parts import StreamFit
 
 
 @dataclass(frozen=True)
 class Decision:
-    """The fields of a decide.Decision that doors look at."""
+    """The fields of a judge.Decision that doors look at."""
 
     verdict: str
     accepted: object = None
@@ -21,7 +21,7 @@ class Decision:
 
 @dataclass(frozen=True)
 class Rival:
-    """What doors look at of a decide.Candidate."""
+    """What doors look at of a judge.Candidate."""
 
     name: str
     weighed: bool = False

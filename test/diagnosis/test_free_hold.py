@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.scene import Marker, Material, MeshFile, PointLoad, Region, Scene
-from arm_brachy.diagnosis.free_hold import hold_shapes, seen_held
-from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
-from arm_brachy.diagnosis.free_table import FreePriors
+from arm_brachy.diagnosis.free_vibration.initial_shape import hold_shapes, seen_held
+from arm_brachy.diagnosis.free_vibration.model import FreeModel, free_specimen
+from arm_brachy.diagnosis.free_vibration.observation import FreePriors
 from arm_brachy.tissue.box import box_mesh
 
 SIZE = (0.08, 0.02, 0.02)       # m, glued at x = 0

@@ -5,8 +5,8 @@ import pytest
 
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.scene import Marker, Material, MeshFile, PadPatch, PointLoad, Region, Scene
-from arm_brachy.diagnosis.free_model import FreeModel, _ringing, free_specimen
-from arm_brachy.diagnosis.free_release import QUIET, _mode
+from arm_brachy.diagnosis.free_vibration.model import FreeModel, _ringing, free_specimen
+from arm_brachy.diagnosis.free_vibration.release import QUIET, _mode
 from arm_brachy.evaluation.ringing import ringing
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.dynamics import DynamicOptions

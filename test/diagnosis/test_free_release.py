@@ -7,16 +7,23 @@ import pytest
 
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Marker, MeshFile, Region, Scene
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.free_findings import base_marker_findings
-from arm_brachy.diagnosis.free_hold import Held, Hold
-from arm_brachy.diagnosis.free_look import Look
-from arm_brachy.diagnosis.free_model import Swing
-from arm_brachy.diagnosis.free_release import release_of
-from arm_brachy.diagnosis.free_table import BESIDE, CREEP, DAMPING, FREQUENCY, case_of, predicted
-from arm_brachy.diagnosis.free_trace import Description, left, of_repeat
-from arm_brachy.diagnosis.prepared import prepare
-from arm_brachy.diagnosis.stream import OPTICAL
+from arm_brachy.diagnosis.free_vibration.findings import base_marker_findings
+from arm_brachy.diagnosis.free_vibration.held_out import Description, left, of_repeat
+from arm_brachy.diagnosis.free_vibration.initial_shape import Held, Hold
+from arm_brachy.diagnosis.free_vibration.look import Look
+from arm_brachy.diagnosis.free_vibration.model import Swing
+from arm_brachy.diagnosis.free_vibration.observation import (
+    BESIDE,
+    CREEP,
+    DAMPING,
+    FREQUENCY,
+    case_of,
+    predicted,
+)
+from arm_brachy.diagnosis.free_vibration.release import release_of
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.preparation import prepare
+from arm_brachy.diagnosis.signals.stream import OPTICAL
 from arm_brachy.evaluation.timeseries import OpticalFrames, RunData
 
 AT, LASTS, STEP = 0.5, 5.0, 0.01    # s
@@ -64,7 +71,7 @@ def prepared(seed=0, swing=1.0, odd=0.0, returns=False, begin=0.0, end=LASTS, hi
 
 
 def straight(release):
-    """Its free_table.Case, held straight beyond doubt."""
+    """Its observation.Case, held straight beyond doubt."""
     every = list(PLACES)
     held = Held(Hold(0.0, np.zeros((2, 3))), np.zeros((0, 2, 3)), 3e-4)
     return case_of(release, SCENE, [every.index(name) for name in release.names], held)

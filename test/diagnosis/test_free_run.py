@@ -9,13 +9,13 @@ from ruamel.yaml import YAML
 from arm_brachy import inprocess
 from arm_brachy.core.config import to_mapping
 from arm_brachy.core.scene import Marker, Material, MeshFile, Region, Scene, load_scene
-from arm_brachy.diagnosis.cause import Cause, Estimate
-from arm_brachy.diagnosis.corrected import base_scenario, write_corrected
-from arm_brachy.diagnosis.diagnosis import Diagnosis, Provenance
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.free_look import Look
-from arm_brachy.diagnosis.free_run import TICK, as_let_go
-from arm_brachy.diagnosis.prepared import prepare
+from arm_brachy.diagnosis.free_vibration.corrected_run import TICK, as_let_go
+from arm_brachy.diagnosis.free_vibration.look import Look
+from arm_brachy.diagnosis.report.answer import Diagnosis, Provenance
+from arm_brachy.diagnosis.report.corrected_scenario import base_scenario, write_corrected
+from arm_brachy.diagnosis.results.cause import Cause, Estimate
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.preparation import prepare
 from arm_brachy.scenario import load_cell
 from arm_brachy.tissue.box import box_mesh
 

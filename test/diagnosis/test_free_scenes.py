@@ -8,8 +8,9 @@ import pytest
 
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.scene import Marker, MeshFile, PointLoad, Region, Scene
-from arm_brachy.diagnosis.evidence import Evidence
-from arm_brachy.diagnosis.free_scenes import (
+from arm_brachy.diagnosis.free_vibration.conclusions import in_one_scene
+from arm_brachy.diagnosis.free_vibration.problem import Aside, _joined
+from arm_brachy.diagnosis.free_vibration.scenes import (
     InScene,
     acting,
     along,
@@ -18,9 +19,8 @@ from arm_brachy.diagnosis.free_scenes import (
     refuse_exchanged,
     refuse_other_bodies,
 )
-from arm_brachy.diagnosis.free_statements import in_one_scene
-from arm_brachy.diagnosis.free_study import Aside, _joined
-from arm_brachy.diagnosis.stream import OPTICAL, Stream
+from arm_brachy.diagnosis.signals.loading import Evidence
+from arm_brachy.diagnosis.signals.stream import OPTICAL, Stream
 from arm_brachy.tissue.terms.damping import Damping
 from arm_brachy.tissue.terms.point_mass import PointMass
 

@@ -7,10 +7,10 @@ import pytest
 
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.cause import Cause, Estimate
-from arm_brachy.diagnosis.diagnose import with_findings
-from arm_brachy.diagnosis.finding import Finding
-from arm_brachy.diagnosis.given import Given
+from arm_brachy.diagnosis.isolation.handover import Given
+from arm_brachy.diagnosis.pipeline import with_findings
+from arm_brachy.diagnosis.results.cause import Cause, Estimate
+from arm_brachy.diagnosis.results.finding import Finding
 
 
 @pytest.fixture(scope='module')

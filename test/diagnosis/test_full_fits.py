@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis import full_fits
-from arm_brachy.diagnosis.cause import Estimate
-from arm_brachy.diagnosis.fitted import options_for
-from arm_brachy.diagnosis.freedom import HALF
-from arm_brachy.diagnosis.full_fits import AS_GOOD, FullFits
-from arm_brachy.diagnosis.laplace import Gain
+from arm_brachy.diagnosis.estimation.fit import options_for
+from arm_brachy.diagnosis.estimation.laplace import Gain
+from arm_brachy.diagnosis.estimation.parameters import HALF
+from arm_brachy.diagnosis.results.cause import Estimate
+from arm_brachy.diagnosis.selection import full_fits
+from arm_brachy.diagnosis.selection.full_fits import AS_GOOD, FullFits
 
 PLACE = (None, None, Estimate(8.0, 5.0, 11.0))
 
@@ -120,7 +120,7 @@ def test_a_fit_begins_where_that_in_other_noise_ended(monkeypatch):
         return SimpleNamespace(refit=None, end=assembly.end if 'gap' not in (
             candidate.explanations) else None)
 
-    monkeypatch.setattr('arm_brachy.diagnosis.full_fits.fit_in_full', fit_in_full)
+    monkeypatch.setattr('arm_brachy.diagnosis.selection.full_fits.fit_in_full', fit_in_full)
     for end in ('in quiet', 'in loud'):
         assembly = SimpleNamespace(end=end, hypothesis_of=lambda e: (hypotheses[e], None))
         fits = FullFits(assembly, None, ends=ends)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.held_out import Part, chords, stream_fits
-from arm_brachy.diagnosis.inference import stacked
-from arm_brachy.diagnosis.observables import Measured, Observables
+from arm_brachy.diagnosis.estimation.cross_validation import Part, chords, stream_fits
+from arm_brachy.diagnosis.likelihood.observation import Measured, Observables
+from arm_brachy.diagnosis.statistics.linear_gaussian import stacked
 
 N, SD, SHIFT, EFFECT = 40, 1e-4, 2e-3, 5e-4
 

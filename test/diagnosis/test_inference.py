@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from arm_brachy.diagnosis.inference import (
+from arm_brachy.diagnosis.statistics.linear_gaussian import (
     detectability,
     log_density,
     posterior,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.random import stream
-from arm_brachy.diagnosis import judgement, loudness
-from arm_brachy.diagnosis.colour import MEDIAN_CHI2
-from arm_brachy.diagnosis.observables import Row
-from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
+from arm_brachy.diagnosis.likelihood.observation import Row
+from arm_brachy.diagnosis.selection import noise_scale, revision
+from arm_brachy.diagnosis.signals.stream import EM, FORCE, OPTICAL
+from arm_brachy.diagnosis.statistics.noise_process import MEDIAN_CHI2
 
 STATES, CHANNELS = 250, 2           # a second apart; of each of two streams, three axes each
 N = 2 * CHANNELS * 3 * STATES
@@ -42,21 +42,21 @@ def white():
 
 def test_a_stream_that_is_louder_everywhere_is_heard(white):
     loud = np.where(np.arange(N) < N // 2, np.sqrt(2.0), 1.0) * white
-    factors = loudness.louder(*made(QUIET * loud, 2.5))
+    factors = noise_scale.louder(*made(QUIET * loud, 2.5))
     assert factors == {EM: 2.5}
-    assert 'EM tracker was taken as 1.6 times' in loudness.said(factors)[0]
+    assert 'EM tracker was taken as 1.6 times' in noise_scale.said(factors)[0]
 
 
 def test_what_shows_in_a_few_states_is_no_noise(white):
     """2 % of the rows off by 30 sd: 18 times the mean square, 3 % of the median."""
     strange = QUIET * white + 30.0 * (np.arange(N) % 50 == 0)
     assert np.mean(strange**2) > 15.0
-    assert loudness.louder(*made(strange, 3.0)) == {}
+    assert noise_scale.louder(*made(strange, 3.0)) == {}
 
 
 def test_noise_that_is_known_is_no_louder(white):
-    assert loudness.louder(*made(3.0 * white, 1.0)) == {}
-    assert loudness.louder(*made(3.0 * white, 2.0)) == {EM: 2.0, OPTICAL: 2.0}
+    assert noise_scale.louder(*made(3.0 * white, 1.0)) == {}
+    assert noise_scale.louder(*made(3.0 * white, 2.0)) == {EM: 2.0, OPTICAL: 2.0}
 
 
 def test_a_creep_is_no_noise(white):
@@ -64,13 +64,13 @@ def test_a_creep_is_no_noise(white):
     t = np.tile(np.arange(STATES), N // STATES)
     creep = 4.0 * np.clip(t / STATES - 0.5, 0.0, None) / 0.5
     assert np.median((QUIET * white + creep)**2) > 1.5 * MEDIAN_CHI2
-    assert loudness.louder(*made(QUIET * white + creep, 3.0)) == {}
+    assert noise_scale.louder(*made(QUIET * white + creep, 3.0)) == {}
 
 
 def test_how_loud_noise_may_be_a_null_recording_tells(white):
     """A creep, say, in the recording under suspicion seems to be noise between its rests."""
-    assert loudness.louder(*made(3.0 * white, 3.0, 1.0, sound=1)) == {}
-    assert loudness.louder(*made(3.0 * white, 1.0, 2.0, sound=1)) == {EM: 2.0, OPTICAL: 2.0}
+    assert noise_scale.louder(*made(3.0 * white, 3.0, 1.0, sound=1)) == {}
+    assert noise_scale.louder(*made(3.0 * white, 1.0, 2.0, sound=1)) == {EM: 2.0, OPTICAL: 2.0}
 
 
 class Judged:
@@ -105,7 +105,7 @@ def test_noise_is_asked_before_a_second_cause(white, quiet, loud, expected):
     half = np.where(np.arange(N) < N // 2, np.sqrt(2.0), 1.0) * white
     assembly, _ = made(QUIET * half, 2.5)
     given, other = (assembly, None, Judged(*quiet)), (assembly, None, loud and Judged(*loud))
-    factors, found = judgement._noise_beside(given, lambda factors: other)
+    factors, found = revision._noise_beside(given, lambda factors: other)
     assert factors == expected
     assert found is (other if expected else given)
 
@@ -113,7 +113,7 @@ def test_noise_is_asked_before_a_second_cause(white, quiet, loud, expected):
 def test_where_no_stream_seems_louder_nothing_is_asked_again(white):
     assembly, _ = made(QUIET * white, 2.5)
     given = (assembly, None, Judged(1e-9, 1e-9))
-    assert judgement._noise_beside(given, None) == ({}, given)
+    assert revision._noise_beside(given, None) == ({}, given)
 
 
 def test_what_is_asked_again_in_noise_as_loud_is_the_same():
@@ -123,7 +123,7 @@ def test_what_is_asked_again_in_noise_as_loud_is_the_same():
         made_of.append(factors)
         return object()
 
-    again = judgement._once(judge)
+    again = revision._once(judge)
     first = again({EM: 2.5, FORCE: 1.5})
     assert again({FORCE: 1.5, EM: 2.5}) is first
     assert again({EM: 2.5}) is not first

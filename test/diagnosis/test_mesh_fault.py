@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.random import stream
-from arm_brachy.diagnosis.mesh_fault import ALLOWED, mesh_fault
-from arm_brachy.diagnosis.stream import FORCE, OPTICAL
+from arm_brachy.diagnosis.selection.mesh_check import ALLOWED, mesh_fault
+from arm_brachy.diagnosis.signals.stream import FORCE, OPTICAL
 
 N, NOISE = 4000, 5e-5       # rows; m
 

@@ -6,9 +6,9 @@ import pytest
 from arm_brachy.core.errors import InputError
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.noise import ColouredNoise
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.departures import Limits, Watched, threshold, watched
-from arm_brachy.diagnosis.monitor import WAITING, Monitor
+from arm_brachy.diagnosis.monitoring import Limits, Watched, threshold, watched
+from arm_brachy.diagnosis.residual_monitor import WAITING, Monitor
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 
 PERIOD, SD = 0.02, 0.15e-3      # s, m
 NAMES = ('a', 'b', 'c', 'd')

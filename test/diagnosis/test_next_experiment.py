@@ -13,25 +13,25 @@ from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene, with_mesh
 from arm_brachy.devices.actuator_driver import ActuatorParams
 from arm_brachy.devices.terms.force_drift import ForceDrift
-from arm_brachy.diagnosis import asking
-from arm_brachy.diagnosis.advice import REMEDIES, advice
-from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.hypothesis import hypothesis
-from arm_brachy.diagnosis.inference import log_density
-from arm_brachy.diagnosis.matched import OWN
-from arm_brachy.diagnosis.next_experiment import next_experiment
-from arm_brachy.diagnosis.noise import Noise
-from arm_brachy.diagnosis.nuisances import nuisances
-from arm_brachy.diagnosis.planned import Option, Whitened, planned
-from arm_brachy.diagnosis.responses import respond
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.stream import FORCE
-from arm_brachy.diagnosis.stretches import baselines
-from arm_brachy.diagnosis.transmission import Path
-from arm_brachy.diagnosis.trials import Trial, trial_of, trials_of
-from arm_brachy.diagnosis.words import request
+from arm_brachy.diagnosis.experiment_design import request as asking
+from arm_brachy.diagnosis.experiment_design.advice import REMEDIES, advice
+from arm_brachy.diagnosis.experiment_design.design import next_experiment
+from arm_brachy.diagnosis.experiment_design.prediction import Option, Whitened, planned
+from arm_brachy.diagnosis.experiment_design.trials import Trial, trial_of, trials_of
+from arm_brachy.diagnosis.likelihood.match import OWN
+from arm_brachy.diagnosis.likelihood.nuisances import nuisances
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.hypothesis import hypothesis
+from arm_brachy.diagnosis.model.joint_linearisation import baselines
+from arm_brachy.diagnosis.model.linearised import Baseline
+from arm_brachy.diagnosis.model.sensitivities import respond
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.report.sentences import request
+from arm_brachy.diagnosis.signals.motion import Path
+from arm_brachy.diagnosis.signals.noise import Noise
+from arm_brachy.diagnosis.signals.stream import FORCE
+from arm_brachy.diagnosis.statistics.linear_gaussian import log_density
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 from arm_brachy.registry import by_name
 
 SCENES = config_dir() / 'scenes'

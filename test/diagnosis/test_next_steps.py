@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from arm_brachy.diagnosis import words
-from arm_brachy.diagnosis.next_steps import FINER, HELD_OUT, what_next
-from arm_brachy.diagnosis.statements import Screened, StreamFit, Unfinished
+from arm_brachy.diagnosis.report import sentences
+from arm_brachy.diagnosis.report.next_steps import FINER, HELD_OUT, what_next
+from arm_brachy.diagnosis.results.parts import Screened, StreamFit, Unfinished
 
 
 @pytest.mark.parametrize('name', ['named', 'structural', 'equivalent', 'nothing_missing',
@@ -18,7 +18,7 @@ def test_there_is_always_something_to_do(answers, name):
 
 def test_a_recording_that_is_asked_for_comes_first(answers):
     d = answers['equivalent']
-    assert what_next(d)[0] == words.request(d.next_experiment)
+    assert what_next(d)[0] == sentences.request(d.next_experiment)
 
 
 def test_what_was_not_held_out_is_to_be_confirmed(answers):
@@ -63,15 +63,15 @@ def test_the_headline_names_the_misfit_that_is_left(answers):
     """Markers at 0.031 mm over a noise of 0.008 mm were headed 99.9 %."""
     d = replace(answers['named'], fit=(StreamFit('optical', 0.4e-3, 0.3e-3, 8e-6, 31e-6),
                                        StreamFit('force', 0.3, 0.2, 0.03, 0.031)))
-    assert words.remaining(d) == (
+    assert sentences.remaining(d) == (
         'Not all of the misfit is explained: that of the optical markers is still 3.9 times the '
         'noise, 0.0310 over 0.0080 mm (pad forces 1.0 times).')
-    assert words.remaining(answers['nothing_missing']) == (
+    assert sentences.remaining(answers['nothing_missing']) == (
         'The remaining misfit is 1.0 times the noise or less.')
-    assert words.remaining(replace(d, fit=())) == ''
+    assert sentences.remaining(replace(d, fit=())) == ''
 
 
 def test_structure_that_is_left_is_told_in_plain_words(answers):
-    assert 'shows no structure beyond noise' in words.certainty(answers['named'])
-    said = words.certainty(answers['unexplained'])
+    assert 'shows no structure beyond noise' in sentences.certainty(answers['named'])
+    said = sentences.certainty(answers['unexplained'])
     assert 'The residual still has structure' in said and '1 in 1 000 000' in said

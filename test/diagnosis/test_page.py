@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.errors import InputError
-from arm_brachy.diagnosis import figures
-from arm_brachy.diagnosis.cause import Cause, Estimate
-from arm_brachy.diagnosis.figures import Trace
-from arm_brachy.diagnosis.page import Shown, write_diagnosis
-from arm_brachy.diagnosis.statements import Interval, Place
+from arm_brachy.diagnosis.report import figures
+from arm_brachy.diagnosis.report.figures import Trace
+from arm_brachy.diagnosis.report.page import Shown, write_diagnosis
+from arm_brachy.diagnosis.results.cause import Cause, Estimate
+from arm_brachy.diagnosis.results.parts import Interval, Place
 
 VOID = {'meta', 'img', 'br', 'link', 'hr'}
 CAPTION = re.compile(r'Figure \d\. ')

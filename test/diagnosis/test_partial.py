@@ -19,16 +19,16 @@ from arm_brachy.core import config
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import MeshFile, load_scene, with_mesh
-from arm_brachy.diagnosis.diagnosis import Diagnosis, Provenance
-from arm_brachy.diagnosis.evidence import load_evidence
-from arm_brachy.diagnosis.forward import ForwardModel
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.specimen import specimen_of
 from arm_brachy.diagnosis.partial import quick_answer
 from arm_brachy.diagnosis.progress import ERRORS, FITS, MESHES, MODEL, SCREEN, SIGNALS, STEPS
-from arm_brachy.diagnosis.screening import Quick
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.statements import Unfinished
-from arm_brachy.diagnosis.stream import FORCE, OPTICAL
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.report.answer import Diagnosis, Provenance
+from arm_brachy.diagnosis.results.parts import Unfinished
+from arm_brachy.diagnosis.signals.loading import load_evidence
+from arm_brachy.diagnosis.signals.motion import Path
+from arm_brachy.diagnosis.signals.stream import FORCE, OPTICAL
+from arm_brachy.diagnosis.stages import Quick
 from arm_brachy.experiments.csv_files import (
     ENCODERS,
     FORCES,

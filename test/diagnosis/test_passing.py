@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis import passing as module
-from arm_brachy.diagnosis.inference import log_density
-from arm_brachy.diagnosis.passing import passing
+from arm_brachy.diagnosis.selection import transient_force as module
+from arm_brachy.diagnosis.selection.transient_force import passing
+from arm_brachy.diagnosis.statistics.linear_gaussian import log_density
 
 STATES, EACH, NUISANCES = 12, 20, 5     # rows of a state are independent of those of others
 T = np.arange(float(STATES))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from arm_brachy.diagnosis.decide import Rules
-from arm_brachy.diagnosis.inference import Beside, evidence_over_none
-from arm_brachy.diagnosis.nuisances import Nuisances
-from arm_brachy.diagnosis.reglued import apart_in, named_apart, reglued, said
-from arm_brachy.diagnosis.stream import BASE, EM, TISSUE
+from arm_brachy.diagnosis.likelihood.nuisances import Nuisances
+from arm_brachy.diagnosis.selection.marker_placement import apart_in, named_apart, reglued, said
+from arm_brachy.diagnosis.settings import Rules
+from arm_brachy.diagnosis.signals.stream import BASE, EM, TISSUE
+from arm_brachy.diagnosis.statistics.linear_gaussian import Beside, evidence_over_none
 
 STATES = 30
 MARKERS = {'t1': TISSUE, 't2': TISSUE, 't3': TISSUE, 'b1': BASE, 'b2': BASE, 'p1': 'pad_1'}

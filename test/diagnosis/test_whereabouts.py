@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.scene import Marker, MeshFile, Region, Scene
-from arm_brachy.diagnosis.whereabouts import marker_place
+from arm_brachy.diagnosis.report.localisation import marker_place
 
 SCENE = Scene('three', MeshFile('none.msh'), Region('half_space'), markers=(
     Marker('a', (0.0, 0.0, 0.0)), Marker('b', (0.03, 0.0, 0.0)), Marker('c', (0.0, 0.04, 0.0))))

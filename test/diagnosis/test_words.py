@@ -7,10 +7,11 @@ from dataclasses import replace
 import pytest
 
 from arm_brachy.control.moves import Move, PadTarget
-from arm_brachy.diagnosis import wording, words
-from arm_brachy.diagnosis.cause import Cause
-from arm_brachy.diagnosis.finding import Finding
-from arm_brachy.diagnosis.statements import (
+from arm_brachy.diagnosis.report import sentences
+from arm_brachy.diagnosis.results import formatting
+from arm_brachy.diagnosis.results.cause import Cause
+from arm_brachy.diagnosis.results.finding import Finding
+from arm_brachy.diagnosis.results.parts import (
     Alternative,
     Interval,
     NextExperiment,
@@ -40,13 +41,13 @@ PROMISES = re.compile(r'\b(powerful|advanced|robust|novel|accurate|smart|perhaps
                     'and 23.47 s (90 %).'),
 ])
 def test_a_verdict_is_one_sentence(answers, name, said):
-    assert words.verdict(answers[name]) == said
+    assert sentences.verdict(answers[name]) == said
 
 
 def test_numbers_are_told_with_their_intervals(answers):
-    found, = words.numbers(answers['structural'])
+    found, = sentences.numbers(answers['structural'])
     assert found.startswith('backlash: width ') and ' mm, 90 % interval ' in found
-    assert words.numbers(answers['nothing_missing']) == []
+    assert sentences.numbers(answers['nothing_missing']) == []
 
 
 def test_what_no_term_says_is_told_with_the_verdict_and_silence_is_not(answers):
@@ -54,34 +55,34 @@ def test_what_no_term_says_is_told_with_the_verdict_and_silence_is_not(answers):
     turning = Finding('optical', 'pad_1', None, '', 0.34, '1', 0.0, 24.6, 0.0, 62.0,
                       'The marker on pad_1 turns.')
     silent = replace(turning, unit='s', statement='The marker on pad_1 is silent.')
-    said = words.verdict(replace(d, findings=(turning, silent, turning)))
-    assert said == f'{words.verdict(d)} The marker on pad_1 turns.'
+    said = sentences.verdict(replace(d, findings=(turning, silent, turning)))
+    assert said == f'{sentences.verdict(d)} The marker on pad_1 turns.'
 
 
 def test_what_comes_nearest_is_told_and_not_claimed(answers):
     d = answers['unexplained']
-    assert words.nearest(d) == (
+    assert sentences.nearest(d) == (
         'What comes nearest is base debond (part of the glued base has come off) on the base, at '
         'x = 31.0, y = -4.0, z = 0.0 mm: held out, the error of the optical markers goes from '
         '0.39 to 0.21 mm (noise alone: 0.15 mm) and the error of the pad forces goes from 0.041 '
         'to 0.033 N (noise alone: 0.030 N). It is not claimed: what it leaves is more than noise.')
     unsettled = replace(d, nearest=replace(d.nearest, fit=()))
-    assert 'z = 0.0 mm, by its linear answer: its full fit did not settle. It' in words.nearest(
-        unsettled)
-    assert [words.why_not(one, d) for one in d.alternatives] == [
+    assert ('z = 0.0 mm, by its linear answer: its full fit did not settle. It'
+            in sentences.nearest(unsettled))
+    assert [sentences.why_not(one, d) for one in d.alternatives] == [
         'comes nearest, but leaves more than noise', 'explains a part at most',
         'gains too little on what was held out']
-    assert 'base debond' not in words.verdict(d)
+    assert 'base debond' not in sentences.verdict(d)
 
 
 def test_nothing_is_promised_and_nothing_hedged(answers):
     for d in answers.values():
-        said = [words.verdict(d), words.certainty(d), *map(words.improvement, d.fit),
-                *(words.why_not(one, d) for one in d.alternatives)]
+        said = [sentences.verdict(d), sentences.certainty(d), *map(sentences.improvement, d.fit),
+                *(sentences.why_not(one, d) for one in d.alternatives)]
         if d.nearest is not None:
-            said.append(words.nearest(d))
+            said.append(sentences.nearest(d))
         if d.next_experiment is not None:
-            said.append(words.request(d.next_experiment))
+            said.append(sentences.request(d.next_experiment))
         assert not PROMISES.search(' '.join(said))
 
 
@@ -89,25 +90,26 @@ def test_options_at_different_places_each_have_theirs(answers):
     d = answers['equivalent']
     apart = replace(d, where=(d.where[0], Place(actuator='pad_2', term='actuator_compliance',
                                                 option=2)))
-    said = words.verdict(apart)
+    said = sentences.verdict(apart)
     assert re.search(r'gain \(.*?\) at the actuator of pad_1 or actuator compliance \(.*?\) at '
                      'the actuator of pad_2;', said)
 
 
 def test_what_holds_in_any_case_is_said(answers):
     d = answers['equivalent']
-    said = words.verdict(replace(d, causes=(*d.causes, Cause('gravity'))))
+    said = sentences.verdict(replace(d, causes=(*d.causes, Cause('gravity'))))
     assert said.endswith('In any case gravity (gravity missing from the model, or tilted).')
 
 
 def test_two_causes_are_both_named(answers):
     d = answers['named']
-    said = words.verdict(replace(d, causes=(*d.causes, Cause('pad_slip'))))
+    said = sentences.verdict(replace(d, causes=(*d.causes, Cause('pad_slip'))))
     assert 'inclusion (' in said and '; pad slip (' in said
 
 
 def test_a_mesh_at_fault_is_not_called_physics(answers):
-    said = words.verdict(replace(answers['named'], causes=(Cause('discretisation'),), where=()))
+    mesh = replace(answers['named'], causes=(Cause('discretisation'),), where=())
+    said = sentences.verdict(mesh)
     assert said.startswith('The mesh is at fault, not the physics: discretisation')
     assert 'Missing from the model' not in said
 
@@ -115,7 +117,7 @@ def test_a_mesh_at_fault_is_not_called_physics(answers):
 def test_beside_a_found_cause_the_place_of_the_rest_is_said(answers):
     d = answers['unexplained']
     known = Place(actuator='pad_3', term='backlash')
-    said = words.verdict(replace(d, where=(known, *d.where), causes=(Cause('backlash'),)))
+    said = sentences.verdict(replace(d, where=(known, *d.where), causes=(Cause('backlash'),)))
     assert 'most clearly at x = -31.0' in said
     assert said.endswith('besides backlash (the pad lags the motor by a fixed width after every '
                          'reversal) at the actuator of pad_3.')
@@ -131,16 +133,17 @@ def test_beside_a_found_cause_the_place_of_the_rest_is_said(answers):
      'at x = 0.0, y = 0.0, z = 0.0 mm (within 4.0 mm of it)'),
 ])
 def test_places(place, said):
-    assert words.place(place) == said
+    assert sentences.place(place) == said
 
 
 def test_intervals():
     whole = Recording('run', 'fitted', 1.0, 60.0)
     held = Interval('run', 2.0, 9.5, 'hold')
-    assert words.interval(held) == 'from 2.00 to 9.50 s of run, in holds'
-    assert words.interval(Interval('run', 0.5, 60.0), (whole,)) == 'throughout run'
-    assert words.interval(Interval('run', 2.0, 60.0), (whole,)) == 'from 2.00 to 60.00 s of run'
-    assert words.interval(Interval('other', 0.5, 60.0), (whole,)).startswith('from 0.50')
+    assert sentences.interval(held) == 'from 2.00 to 9.50 s of run, in holds'
+    assert sentences.interval(Interval('run', 0.5, 60.0), (whole,)) == 'throughout run'
+    assert (sentences.interval(Interval('run', 2.0, 60.0), (whole,))
+            == 'from 2.00 to 60.00 s of run')
+    assert sentences.interval(Interval('other', 0.5, 60.0), (whole,)).startswith('from 0.50')
 
 
 @pytest.mark.parametrize('args, said', [
@@ -153,64 +156,65 @@ def test_intervals():
      'offset (1.0, -2.0, 0.0) mm, 90 % interval (0.5 to 1.5, -2.5 to -1.5, -0.5 to 0.5) mm'),
 ])
 def test_a_parameter_shows_the_digits_its_interval_deserves(args, said):
-    assert wording.parameter(*args) == said
+    assert formatting.parameter(*args) == said
 
 
 def test_figures_have_two_digits_of_the_interval():
-    assert wording.figures((10.04, 9.0, 11.0), 2.0) == ('10.0', '9.0', '11.0')
-    assert wording.figures((0.0, 0.0)) == ('0.0', '0.0')
+    assert formatting.figures((10.04, 9.0, 11.0), 2.0) == ('10.0', '9.0', '11.0')
+    assert formatting.figures((0.0, 0.0)) == ('0.0', '0.0')
 
 
 def test_what_is_zero_but_for_rounding_is_zero():
     bias = (8.3e-17, 0.0, -0.078)
-    assert wording.amount('N', bias, bias, bias) == '(0.0, 0.0, -0.078) N'
+    assert formatting.amount('N', bias, bias, bias) == '(0.0, 0.0, -0.078) N'
 
 
 @pytest.mark.parametrize('chance, said', [(1.0, 'above 99.9 %'), (0.9993, 'above 99.9 %'),
                                           (0.994, '99.4 %'), (0.57, '57 %'), (0.004, '0.4 %'),
                                           (0.0, 'below 0.1 %')])
 def test_certainty_is_never_rounded_up_to_one(chance, said):
-    assert wording.percent(chance) == said
+    assert formatting.percent(chance) == said
 
 
 def test_rare_chances_are_counted():
-    assert wording.share(2e-7) == 'less than 1 in 1 000 000'
-    assert wording.share(0.42) == '42 %'
+    assert formatting.share(2e-7) == 'less than 1 in 1 000 000'
+    assert formatting.share(0.42) == '42 %'
 
 
 def test_improvement_shows_all_four_errors(answers):
     optical = answers['named'].fit[0]
-    assert words.improvement(optical) == (
+    assert sentences.improvement(optical) == (
         'Error of the optical markers (held out: pairs): 0.62 mm as given, 0.41 mm recalibrated, '
         '0.16 mm with what was found; noise alone leaves 0.15 mm.')
-    assert 'what was found' not in words.improvement(answers['nothing_missing'].fit[0])
+    assert 'what was found' not in sentences.improvement(answers['nothing_missing'].fit[0])
 
 
 def test_certainty_of_options_is_their_distance(answers):
-    said = words.certainty(answers['equivalent'])
+    said = sentences.certainty(answers['equivalent'])
     assert 'actuator gain: 57 %' in said and '0.4 standard deviations apart' in said
-    assert 'nearest rival is 14.2 standard deviations' in words.certainty(answers['named'])
+    assert 'nearest rival is 14.2 standard deviations' in sentences.certainty(answers['named'])
 
 
 def test_why_an_alternative_lost(answers):
     d = answers['named']
-    assert 'no better than no new physics' in words.why_not(Alternative(('obstacle',), -1.0), d)
-    assert 'less well than what is named' in words.why_not(Alternative(('obstacle',), 5.0), d)
-    assert 'all data together' in words.why_not(Alternative(('obstacle',), 300.0), d)
-    assert 'not ruled out' in words.why_not(Alternative(('obstacle',), 5.0, visible=False), d)
-    assert words.why_not(Alternative(('obstacle',), 5.0, why='it is far away'), d) == (
+    worse = sentences.why_not(Alternative(('obstacle',), -1.0), d)
+    assert 'no better than no new physics' in worse
+    assert 'less well than what is named' in sentences.why_not(Alternative(('obstacle',), 5.0), d)
+    assert 'all data together' in sentences.why_not(Alternative(('obstacle',), 300.0), d)
+    assert 'not ruled out' in sentences.why_not(Alternative(('obstacle',), 5.0, visible=False), d)
+    assert sentences.why_not(Alternative(('obstacle',), 5.0, why='it is far away'), d) == (
         'it is far away')
-    assert 'too little' in words.why_not(Alternative(('obstacle',), 1.0),
+    assert 'too little' in sentences.why_not(Alternative(('obstacle',), 1.0),
                                          answers['nothing_missing'])
 
 
 def test_a_request_says_what_to_do_and_what_it_decides(answers):
-    assert words.request(answers['equivalent'].next_experiment) == (
+    assert sentences.request(answers['equivalent'].next_experiment) == (
         'Record the pad forces as well. Push pad_1 to 8 mm at 20 mm/s, hold 2 s, back, hold 2 s; '
         'twice. Push pad_1 to 8 mm and pad_3 to 8 mm at 20 mm/s, hold 2 s, back, hold 2 s; once. '
         'This is expected to tell actuator gain from actuator compliance, by at least 9.6 '
         'standard deviations.')
-    assert words.request(NextExperiment(instruction='Turn the phantom over.')) == (
+    assert sentences.request(NextExperiment(instruction='Turn the phantom over.')) == (
         'Turn the phantom over.')
 
 
@@ -223,4 +227,4 @@ def test_a_request_says_what_to_do_and_what_it_decides(answers):
     (Move('m', 5e-3, (), 'stay', 4.0), 'All pads stand, for 4 s.'),
 ])
 def test_moves(move, said):
-    assert words.move(move) == said
+    assert sentences.move(move) == said

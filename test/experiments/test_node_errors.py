@@ -2,7 +2,7 @@
 
 import pytest
 
-from arm_brachy.diagnosis.law_error import BY_NODES
+from arm_brachy.diagnosis.likelihood.constitutive_error import BY_NODES
 from arm_brachy.experiments.node_errors import TERMS, compared
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.decide import Explanation, Problem
+from arm_brachy.diagnosis.selection.judge import Explanation, Problem
 from arm_brachy.prove.baselines import answers, gaussian_process, lasso, projected
 
 N = 300

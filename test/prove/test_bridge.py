@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.evidence import load_evidence
+from arm_brachy.diagnosis.signals.loading import load_evidence
 from arm_brachy.experiments.make_scenes import dome_surface
 from arm_brachy.prove import bridge
 

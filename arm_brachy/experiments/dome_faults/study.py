@@ -17,7 +17,7 @@ import numpy as np
 
 from arm_brachy.core.paths import run_dir, share_dir
 from arm_brachy.core.scene import MeshFile, load_scene
-from arm_brachy.diagnosis.evidence import evidence_of, zero_of
+from arm_brachy.diagnosis.signals.loading import evidence_of, zero_of
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.experiments import dome_rig, recordings
 from arm_brachy.experiments.answers import diagnosed, keep
@@ -81,7 +81,7 @@ def altered_scene(fault, scene, scratch):
 
 
 def _diagnosed(runs, scene, zero, page):
-    """The answer as JSON holds it; its page is written to `page`.  zero : `evidence.zero_of`"""
+    """The answer as JSON holds it; its page is written to `page`.  zero : `loading.zero_of`"""
     evidences = [evidence_of(run, scene, zero=zero) for run in runs]
     return diagnosed(evidences[:FITTED], page.stem, scene.name, page, seed=SEED,
                      held_out=evidences[FITTED:])

@@ -7,8 +7,8 @@ import pytest
 
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene, with_mesh
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.signals.motion import Path
 
 SCENES = config_dir() / 'scenes'
 

@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.assembly import Assembly, stacked_nuisances
-from arm_brachy.diagnosis.inference import log_density
-from arm_brachy.diagnosis.matched import Matched
-from arm_brachy.diagnosis.mesh_errors import NAMES
-from arm_brachy.diagnosis.nuisances import Nuisances
-from arm_brachy.diagnosis.observables import Measured, Observables
-from arm_brachy.diagnosis.stream import FORCE, OPTICAL
+from arm_brachy.diagnosis.likelihood.discretisation import NAMES
+from arm_brachy.diagnosis.likelihood.match import Matched
+from arm_brachy.diagnosis.likelihood.nuisances import Nuisances
+from arm_brachy.diagnosis.likelihood.observation import Measured, Observables
+from arm_brachy.diagnosis.selection.problem import Assembly, stacked_nuisances
+from arm_brachy.diagnosis.signals.stream import FORCE, OPTICAL
+from arm_brachy.diagnosis.statistics.linear_gaussian import log_density
 
 CHANNELS = {OPTICAL: ('a', 'b', 'c'), FORCE: ('pad_1',)}
 # The first its own; errors of the mesh have one name for many columns.

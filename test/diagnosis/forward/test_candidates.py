@@ -7,14 +7,14 @@ import pytest
 
 from arm_brachy.core.quantity import quantities
 from arm_brachy.core.term import Stage
-from arm_brachy.diagnosis.candidates import (
+from arm_brachy.diagnosis.isolation.handover import Occasions
+from arm_brachy.diagnosis.model.hypothesis import hypothesis, strengths
+from arm_brachy.diagnosis.selection.candidates import (
     FIBRES,
-    Occasions,
     candidates,
     interior_places,
     surface_places,
 )
-from arm_brachy.diagnosis.hypothesis import hypothesis, strengths
 from arm_brachy.registry import TERMS, by_name
 from arm_brachy.tissue.mesh import boundary_faces
 

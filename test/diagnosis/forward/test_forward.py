@@ -13,11 +13,11 @@ from arm_brachy.devices.terms.actuator_lag import ActuatorLag
 from arm_brachy.devices.terms.backlash import Backlash
 from arm_brachy.devices.terms.clock_offset import ClockOffset
 from arm_brachy.devices.terms.optical_scale import OpticalScale
-from arm_brachy.diagnosis.alongside import Alongside
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.trajectory import evolve, grid
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.memory_trajectory import Alongside
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.model.trajectory import evolve, grid
+from arm_brachy.diagnosis.signals.motion import Path
 from arm_brachy.tissue.newton import NewtonOptions, StaticSolver
 from arm_brachy.tissue.terms.breathing import Breathing
 from arm_brachy.tissue.terms.external_force import ExternalForce

@@ -6,14 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.finding import Calibration
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.inertia import inertia_of, said, with_lag, with_swing
-from arm_brachy.diagnosis.motion import Motion
-from arm_brachy.diagnosis.observables import KINDS, Measured, channels_of
-from arm_brachy.diagnosis.specimen import attach, specimen_of
-from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.likelihood.inertia_bound import inertia_of, said, with_lag, with_swing
+from arm_brachy.diagnosis.likelihood.observation import KINDS, Measured, channels_of
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.specimen import attach, specimen_of
+from arm_brachy.diagnosis.settings import Calibration
+from arm_brachy.diagnosis.signals.motion import Motion, Path
+from arm_brachy.diagnosis.signals.stream import EM, FORCE, OPTICAL
 from arm_brachy.tissue.dynamics import DynamicOptions
 from arm_brachy.tissue.simulator import TissueSimulator
 

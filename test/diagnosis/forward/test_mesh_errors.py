@@ -7,13 +7,13 @@ import pytest
 
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import with_mesh
-from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.companion import fitted, ragged, shaken, with_nodes
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.mesh_errors import EnsembleOptions, ensemble_of
-from arm_brachy.diagnosis.mesh_pushes import pushes
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.likelihood.discretisation import EnsembleOptions, ensemble_of
+from arm_brachy.diagnosis.likelihood.mesh_ensemble import fitted, ragged, shaken, with_nodes
+from arm_brachy.diagnosis.likelihood.mesh_tangents import pushes
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.linearised import Baseline
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.signals.motion import Path
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.mesh import boundary_faces, volumes
 from arm_brachy.tissue.meshing import mean_ratio

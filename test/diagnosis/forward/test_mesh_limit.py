@@ -5,14 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.matched import Matched
-from arm_brachy.diagnosis.mesh_errors import EnsembleOptions, ensemble_of
-from arm_brachy.diagnosis.mesh_limit import at_limit, said
-from arm_brachy.diagnosis.nuisances import nuisances
-from arm_brachy.diagnosis.observables import Measured, Observables, channels_of
-from arm_brachy.diagnosis.tolerances import joined
+from arm_brachy.diagnosis.likelihood.discretisation import EnsembleOptions, ensemble_of
+from arm_brachy.diagnosis.likelihood.match import Matched
+from arm_brachy.diagnosis.likelihood.nuisances import nuisances
+from arm_brachy.diagnosis.likelihood.observation import Measured, Observables, channels_of
+from arm_brachy.diagnosis.likelihood.tolerances import joined
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.linearised import Baseline
+from arm_brachy.diagnosis.selection.mesh_convergence import at_limit, said
 
 T = np.arange(1.0, 13.0, 0.6)
 SD = {'optical': 3e-5, 'em': 5e-5, 'force': 3e-3}

@@ -5,16 +5,21 @@ import pytest
 
 from arm_brachy.cell import pad_directions
 from arm_brachy.core.errors import InputError
-from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.evidence import Evidence
-from arm_brachy.diagnosis.finding import Calibration
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.nuisances import Priors, nuisances
-from arm_brachy.diagnosis.observables import Measured, Observables, channels_of, measured
-from arm_brachy.diagnosis.prepared import prepare
-from arm_brachy.diagnosis.states import load_states
-from arm_brachy.diagnosis.stream import Stream
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.likelihood.nuisances import Priors, nuisances
+from arm_brachy.diagnosis.likelihood.observation import (
+    Measured,
+    Observables,
+    channels_of,
+    measured,
+)
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.linearised import Baseline
+from arm_brachy.diagnosis.settings import Calibration
+from arm_brachy.diagnosis.signals.load_states import load_states
+from arm_brachy.diagnosis.signals.loading import Evidence
+from arm_brachy.diagnosis.signals.motion import Path
+from arm_brachy.diagnosis.signals.preparation import prepare
+from arm_brachy.diagnosis.signals.stream import Stream
 
 STATES = np.array([2.5, 7.4, 9.0])
 NAMES = {'optical': ('a', 'b', 'c'), 'em': ('tip',), 'force': ('pad',)}

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from arm_brachy.devices.terms.optical_scale import OpticalScale
-from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.observables import KINDS, Measured, Observables, channels_of
-from arm_brachy.diagnosis.off_zero import matters, otherwise
-from arm_brachy.diagnosis.preload import preload
-from arm_brachy.diagnosis.recording_fit import Data
+from arm_brachy.diagnosis.estimation.fit_model import Data
+from arm_brachy.diagnosis.likelihood.observation import KINDS, Measured, Observables, channels_of
+from arm_brachy.diagnosis.likelihood.pad_offset import matters, otherwise
+from arm_brachy.diagnosis.likelihood.preload import preload
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.linearised import Baseline
 from arm_brachy.tissue.terms.base_compliance import BaseCompliance
 from arm_brachy.tissue.terms.base_debond import BaseDebond
 from arm_brachy.tissue.terms.compressibility import Compressibility

@@ -12,20 +12,20 @@ from arm_brachy.devices.terms.backlash import Backlash
 from arm_brachy.devices.terms.em_offset import EmOffset
 from arm_brachy.devices.terms.force_gain import ForceGain
 from arm_brachy.devices.terms.optical_scale import OpticalScale
-from arm_brachy.diagnosis import recording_fit
-from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.candidates import surface_places
-from arm_brachy.diagnosis.fitted import FAINTER, possible_start, unsettled
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.hypothesis import hypothesis
-from arm_brachy.diagnosis.inference import Beside
-from arm_brachy.diagnosis.law_error import widened
-from arm_brachy.diagnosis.nuisances import nuisances
-from arm_brachy.diagnosis.observables import KINDS, Measured, Observables, channels_of
-from arm_brachy.diagnosis.recording_fit import STATICS, Data, RecordingFit
-from arm_brachy.diagnosis.refit import ROUGH, Options, Unsettled, refit
-from arm_brachy.diagnosis.responses import loosened_change, together
-from arm_brachy.diagnosis.slip import ACCURACY, NEAR
+from arm_brachy.diagnosis.estimation import fit_model
+from arm_brachy.diagnosis.estimation.fit import FAINTER, possible_start, unsettled
+from arm_brachy.diagnosis.estimation.fit_model import Data, RecordingFit
+from arm_brachy.diagnosis.estimation.map_fit import ROUGH, Options, Unsettled, refit
+from arm_brachy.diagnosis.likelihood.constitutive_error import widened
+from arm_brachy.diagnosis.likelihood.nuisances import nuisances
+from arm_brachy.diagnosis.likelihood.observation import KINDS, Measured, Observables, channels_of
+from arm_brachy.diagnosis.model.forward import STATICS, ForwardModel
+from arm_brachy.diagnosis.model.hypothesis import hypothesis
+from arm_brachy.diagnosis.model.linearised import Baseline
+from arm_brachy.diagnosis.model.pad_friction import ACCURACY, NEAR
+from arm_brachy.diagnosis.model.sensitivities import loosened_change, together
+from arm_brachy.diagnosis.selection.candidates import surface_places
+from arm_brachy.diagnosis.statistics.linear_gaussian import Beside
 from arm_brachy.registry import by_name
 from arm_brachy.tissue.terms.base_debond import FADE, RIM, BaseDebond
 from arm_brachy.tissue.terms.external_force import ExternalForce
@@ -463,8 +463,8 @@ def test_at_a_limit_there_is_no_slope_where_the_mesh_refuses_the_other_end():
 
     z, step = np.zeros(1), np.ones(1)
     with pytest.raises(NotConverged, match='off the surface'):
-        recording_fit._slope(change, z, (z, z + step))      # z is its lower limit
-    slope = recording_fit._slope(change, z, (z - step, z + step))
+        fit_model._slope(change, z, (z, z + step))      # z is its lower limit
+    slope = fit_model._slope(change, z, (z - step, z + step))
     assert slope['force'] == pytest.approx(2.0)
 
 

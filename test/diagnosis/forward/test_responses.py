@@ -12,16 +12,16 @@ from arm_brachy.devices.terms.actuator_lag import ActuatorLag
 from arm_brachy.devices.terms.backlash import Backlash
 from arm_brachy.devices.terms.force_gain import ForceGain
 from arm_brachy.devices.terms.optical_scale import OpticalScale
-from arm_brachy.diagnosis import interface
-from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.hypotheses import triable
-from arm_brachy.diagnosis.hypothesis import hypothesis
-from arm_brachy.diagnosis.interface import interface_change
-from arm_brachy.diagnosis.rates import Rates
-from arm_brachy.diagnosis.responses import respond, together
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.model import condensation
+from arm_brachy.diagnosis.model.condensation import interface_change
+from arm_brachy.diagnosis.model.force_rates import Rates
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.hypothesis import hypothesis
+from arm_brachy.diagnosis.model.linearised import Baseline
+from arm_brachy.diagnosis.model.sensitivities import respond, together
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.selection.screening import triable
+from arm_brachy.diagnosis.signals.motion import Path
 from arm_brachy.registry import TERMS, by_name
 from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import StepFields
@@ -175,12 +175,12 @@ def test_a_wall_presses_in_its_one_direction(linear, encoder, monkeypatch):
     wall = next(hypothesis(by_name(name), **place) for name, place in SUPPORTS
                 if name == 'obstacle')
     at_rest = Baseline(ForwardModel(linear), encoder, STATES)
-    law, _ = interface.law_between(at_rest.model.body, wall.alone(0, wall.size).prepare(
+    law, _ = condensation.law_between(at_rest.model.body, wall.alone(0, wall.size).prepare(
         at_rest.model.body))
     assert law.along.shape == (1, 3)
     one = respond(at_rest, wall).values
     with monkeypatch.context() as patch:
-        patch.setattr(interface, '_shared', lambda normal: np.eye(3))
+        patch.setattr(condensation, '_shared', lambda normal: np.eye(3))
         three = respond(Baseline(ForwardModel(linear), encoder, STATES), wall).values
     for kind in ('optical', 'force'):
         assert np.abs(three[kind]).max() > 0.0
@@ -206,7 +206,7 @@ def test_corners_of_a_large_base_carry_the_middles_of_edges(slab, monkeypatch, n
     one = hypothesis(by_name(name), **place)
     values = []
     for many in (np.inf, 0):
-        monkeypatch.setattr(interface, 'MANY', many)
+        monkeypatch.setattr(condensation, 'MANY', many)
         values.append(respond(Baseline(ForwardModel(slab), path, path.t[1:]), one).values)
     every, few = values
     for kind in ('optical', 'force'):

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from arm_brachy.devices.terms.actuator_gain import ActuatorGain
-from arm_brachy.diagnosis import slip
-from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.face_contact import FaceContact
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.hypotheses import triable
-from arm_brachy.diagnosis.hypothesis import hypothesis
-from arm_brachy.diagnosis.responses import loosened_change, respond
-from arm_brachy.diagnosis.rigid_face import Face
-from arm_brachy.diagnosis.slip import NEAR
+from arm_brachy.diagnosis.model import pad_friction
+from arm_brachy.diagnosis.model.face_contact import FaceContact
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.hypothesis import hypothesis
+from arm_brachy.diagnosis.model.linearised import Baseline
+from arm_brachy.diagnosis.model.pad_friction import NEAR
+from arm_brachy.diagnosis.model.rigid_face import Face
+from arm_brachy.diagnosis.model.sensitivities import loosened_change, respond
+from arm_brachy.diagnosis.selection.screening import triable
 from arm_brachy.registry import by_name
 from arm_brachy.tissue.contact_shapes import Disc
 from arm_brachy.tissue.contact_surface import SurfaceQuadrature
@@ -139,7 +139,7 @@ def test_only_friction_tells_unloading_from_loading(linear, encoder, monkeypatch
 
     In steps of 4 mm the walk has a loop of its own, up to 3e-3 N.
     """
-    monkeypatch.setattr(slip, 'FINDING', slip.Walk(2e-4, 1e-3, 1e-10))
+    monkeypatch.setattr(pad_friction, 'FINDING', pad_friction.Walk(2e-4, 1e-3, 1e-10))
     baseline = Baseline(ForwardModel(linear), encoder, np.array([1.2, 2.5, 4.3]))
     one = hypothesis(by_name('pad_slip'), pads=('pad_1',))
     rough, smooth = (respond(baseline, one, scale=scale) for scale in (1.0, 1e6))

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.finding import Calibration
-from arm_brachy.diagnosis.observables import Measured
-from arm_brachy.diagnosis.stream import FORCE, OPTICAL
-from arm_brachy.diagnosis.tared import loosened, note, tared
+from arm_brachy.diagnosis.likelihood.force_tare import loosened, note, tared
+from arm_brachy.diagnosis.likelihood.observation import Measured
+from arm_brachy.diagnosis.settings import Calibration
+from arm_brachy.diagnosis.signals.stream import FORCE, OPTICAL
 
 PADS = ('a', 'b', 'c')
 HEAVY, LIGHT = (SimpleNamespace(pads=PADS, scene=SimpleNamespace(gravity=(0.0, 0.0, g)))

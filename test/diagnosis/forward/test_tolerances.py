@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.tolerances import tolerances
+from arm_brachy.diagnosis.likelihood.tolerances import tolerances
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.linearised import Baseline
 
 
 def test_axes_of_a_force_sensor_turn_what_it_shows_and_stretch_nothing(linear, encoder):

@@ -18,9 +18,9 @@ from arm_brachy.devices.actuator_driver import ActuatorParams
 from arm_brachy.devices.em_tracker import EmTracker, EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensor, ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams, OpticalTracker
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.prepared import prepare
-from arm_brachy.diagnosis.structural import structure_of
+from arm_brachy.diagnosis.isolation.isolate import structure_of
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.preparation import prepare
 from arm_brachy.evaluation.timeseries import EmSamples, OpticalFrames, RunData, Series
 from arm_brachy.offline import with_scene
 from arm_brachy.registry import parse_terms, split

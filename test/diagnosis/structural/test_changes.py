@@ -5,8 +5,15 @@ import pytest
 
 from arm_brachy.core.random import stream
 from arm_brachy.devices.noise import ColouredNoise
-from arm_brachy.diagnosis.changes import Step, chance, joined, step_scan, steps, threshold
-from arm_brachy.diagnosis.colour import Colour
+from arm_brachy.diagnosis.statistics.change_points import (
+    Step,
+    chance,
+    joined,
+    step_scan,
+    steps,
+    threshold,
+)
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 
 N, PERIOD = 500, 0.01
 T = np.arange(N) * PERIOD

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from arm_brachy.diagnosis import clock_findings
-from arm_brachy.diagnosis.clocks import Following, Lateness, lateness
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.history import history_columns, memories
-from arm_brachy.diagnosis.prepared import prepare
-from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL, TISSUE
+from arm_brachy.diagnosis.isolation import clocks as clock_findings
+from arm_brachy.diagnosis.signals.delay import Following, Lateness, lateness
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.preparation import prepare
+from arm_brachy.diagnosis.signals.regressors import history_columns, memories
+from arm_brachy.diagnosis.signals.stream import EM, FORCE, OPTICAL, TISSUE
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 from arm_brachy.evaluation.timeseries import Series
 
 PADS = ('pad_0', 'pad_1', 'pad_2')

@@ -5,7 +5,7 @@ import pytest
 
 from arm_brachy.core.random import stream
 from arm_brachy.devices.noise import ColouredNoise
-from arm_brachy.diagnosis.colour import (
+from arm_brachy.diagnosis.statistics.noise_process import (
     Colour,
     Stretch,
     fit_colour,

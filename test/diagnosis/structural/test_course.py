@@ -7,14 +7,14 @@ import pytest
 
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.random import stream as draws
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.course import UNSURE, course_of
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.pad_travel import pad_travels
-from arm_brachy.diagnosis.prepared import prepare
-from arm_brachy.diagnosis.recorded import look
-from arm_brachy.diagnosis.stream import ENCODER
-from arm_brachy.diagnosis.structural import structure_of
+from arm_brachy.diagnosis.isolation.isolate import structure_of
+from arm_brachy.diagnosis.isolation.pad_tracking import pad_travels
+from arm_brachy.diagnosis.isolation.positioning_error import UNSURE, course_of
+from arm_brachy.diagnosis.isolation.recordings import look
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.preparation import prepare
+from arm_brachy.diagnosis.signals.stream import ENCODER
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 
 PITCH, HEIGHT = 0.9e-3, 0.08e-3     # m: a turn of the screw, and what it errs by
 

@@ -8,7 +8,7 @@ import pytest
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
-from arm_brachy.diagnosis.events import events_of
+from arm_brachy.diagnosis.isolation.events import events_of
 from arm_brachy.registry import parse_terms
 
 ONSET = 9.0

@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.core.scene import Marker
-from arm_brachy.diagnosis import evidence as module
-from arm_brachy.diagnosis.checks import refuse_twice
-from arm_brachy.diagnosis.evidence import evidence_of, load_evidence, told_apart
-from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, Stream, thinned
+from arm_brachy.diagnosis.signals import loading as module
+from arm_brachy.diagnosis.signals.loading import evidence_of, load_evidence, told_apart
+from arm_brachy.diagnosis.signals.stream import EM, ENCODER, FORCE, OPTICAL, Stream, thinned
+from arm_brachy.diagnosis.signals.validation import refuse_twice
 from arm_brachy.evaluation.timeseries import EmSamples, RunData, Series, Tissue
 
 PERIOD = 0.01

@@ -7,12 +7,18 @@ import numpy as np
 import pytest
 
 from arm_brachy.cell import pad_directions
-from arm_brachy.diagnosis import force_zero
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.force_balance import balance_findings
-from arm_brachy.diagnosis.force_zero import _fit, _fits, _rests, _unless_leant, force_findings
-from arm_brachy.diagnosis.gaps import gap_findings
-from arm_brachy.diagnosis.prepared import prepare
+from arm_brachy.diagnosis.isolation import force_bias
+from arm_brachy.diagnosis.isolation.dropouts import gap_findings
+from arm_brachy.diagnosis.isolation.force_balance import balance_findings
+from arm_brachy.diagnosis.isolation.force_bias import (
+    _fit,
+    _fits,
+    _rests,
+    _unless_leant,
+    force_findings,
+)
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.preparation import prepare
 from arm_brachy.evaluation.timeseries import Series
 from arm_brachy.registry import parse_terms
 
@@ -149,9 +155,9 @@ def test_somebody_who_leans_on_it_is_no_drift_whichever_rests_that_falls_in(reco
 def test_noise_of_few_rests_is_no_lean(monkeypatch, rests, pads):
     """However well few numbers and many pasts bend to it; one sensor's fault is none either."""
     t = 2.0 * np.arange(rests)
-    monkeypatch.setattr(force_zero, '_recovery', lambda *_: [np.exp(-(t % w) / 3.0)
+    monkeypatch.setattr(force_bias, '_recovery', lambda *_: [np.exp(-(t % w) / 3.0)
                                                              for w in (7.0, 9.0, 11.0)])
-    monkeypatch.setattr(force_zero, '_begun', lambda *_: ((t > 3.0).astype(float),))
+    monkeypatch.setattr(force_bias, '_begun', lambda *_: ((t > 3.0).astype(float),))
     rng = np.random.default_rng(0)
     rows = [np.arange(10 * i, 10 * i + 10) for i in range(rests)]
     for case in range(30):

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.held import once
-from arm_brachy.diagnosis.stream import ENCODER, FORCE, OPTICAL, Stream
+from arm_brachy.diagnosis.signals.repeated_readings import once
+from arm_brachy.diagnosis.signals.stream import ENCODER, FORCE, OPTICAL, Stream
 
 T = np.arange(0.0, 30.0, 0.01)
 

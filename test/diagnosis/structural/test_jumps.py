@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.random import stream as draws
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.finding import Calibration
-from arm_brachy.diagnosis.jumps import jumps
-from arm_brachy.diagnosis.noise import Noise
-from arm_brachy.diagnosis.stream import OPTICAL, TISSUE, Stream
+from arm_brachy.diagnosis.isolation.steps import jumps
+from arm_brachy.diagnosis.settings import Calibration
+from arm_brachy.diagnosis.signals.noise import Noise
+from arm_brachy.diagnosis.signals.stream import OPTICAL, TISSUE, Stream
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 
 PERIOD, DEPTH = 0.02, np.array([0.25, -0.80, 0.55])
 SD, LOUD = 3e-5, 2e-4       # m: across the camera's view, and in depth

@@ -8,10 +8,10 @@ import pytest
 from scipy.signal import lfilter
 
 from arm_brachy.core.random import stream as draws
-from arm_brachy.diagnosis import looks
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.looks import look_at
-from arm_brachy.diagnosis.noise import noise_of
+from arm_brachy.diagnosis.isolation import looks
+from arm_brachy.diagnosis.isolation.looks import look_at
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.noise import noise_of
 from arm_brachy.registry import parse_terms
 
 ONSET, SHARE, MEMORY = 14.0, 0.14, 3.0

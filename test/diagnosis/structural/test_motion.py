@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.random import stream
-from arm_brachy.diagnosis.motion import FINENESS, Motion, corners_of, motion_of
-from arm_brachy.diagnosis.stream import ENCODER
+from arm_brachy.diagnosis.signals.motion import FINENESS, Motion, corners_of, motion_of
+from arm_brachy.diagnosis.signals.stream import ENCODER
 
 
 def path(t):

@@ -8,10 +8,10 @@ from arm_brachy.core.random import stream
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.counts import quantum
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.noise import Noise, data_sheet_sd, noise_of
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.noise import Noise, data_sheet_sd, noise_of
+from arm_brachy.diagnosis.signals.quantisation import quantum
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 
 
 @pytest.fixture(scope='module')

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.one_axis import across, along_pushes, measured_axes
-from arm_brachy.diagnosis.stream import FORCE, Stream, components
+from arm_brachy.diagnosis.signals.force_axes import across, along_pushes, measured_axes
+from arm_brachy.diagnosis.signals.stream import FORCE, Stream, components
 
 N = 200
 OBLIQUE = np.array([0.6, 0.0, -0.8])

@@ -5,10 +5,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.history import play
-from arm_brachy.diagnosis.pad_travel import COMPLIANCE, DELAY, GAIN, PLAY, pad_travels, push_frame
-from arm_brachy.diagnosis.prepared import prepare
+from arm_brachy.diagnosis.isolation.pad_tracking import (
+    COMPLIANCE,
+    DELAY,
+    GAIN,
+    PLAY,
+    pad_travels,
+    push_frame,
+)
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.preparation import prepare
+from arm_brachy.diagnosis.signals.regressors import play
 from arm_brachy.registry import parse_terms
 
 PLANTED = {

@@ -5,10 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from arm_brachy.core.scene import Marker
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.given import given
-from arm_brachy.diagnosis.recorded import look
-from arm_brachy.diagnosis.stream import OPTICAL
+from arm_brachy.diagnosis.isolation.handover import given
+from arm_brachy.diagnosis.isolation.recordings import look
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.stream import OPTICAL
 from arm_brachy.registry import parse_terms
 
 AXIS = np.array([0.0, 0.6, 0.8])

@@ -7,13 +7,13 @@ import pytest
 
 from arm_brachy.control.moves import check_moves
 from arm_brachy.devices.actuator_driver import ActuatorParams
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.finding import Finding
-from arm_brachy.diagnosis.given import given, occasions_of
-from arm_brachy.diagnosis.motion import Motion, motion_of
-from arm_brachy.diagnosis.occasion import intervals, regime_of
-from arm_brachy.diagnosis.pushes import moves_of
-from arm_brachy.diagnosis.recorded import look
+from arm_brachy.diagnosis.experiment_design.moves import moves_of
+from arm_brachy.diagnosis.isolation.handover import given, occasions_of
+from arm_brachy.diagnosis.isolation.recordings import look
+from arm_brachy.diagnosis.report.occasions import intervals, regime_of
+from arm_brachy.diagnosis.results.finding import Finding
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.motion import Motion, motion_of
 from arm_brachy.evaluation.regimes import HOLD, REST
 
 PLAY = {'name': 'backlash', 'width_mm': 0.5, 'actuators': [0]}

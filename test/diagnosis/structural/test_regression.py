@@ -5,8 +5,8 @@ import pytest
 
 from arm_brachy.core.random import stream
 from arm_brachy.devices.noise import ColouredNoise
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.regression import regress
+from arm_brachy.diagnosis.statistics.gls import regress
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 
 N, PERIOD = 600, 0.01
 T = np.arange(N) * PERIOD

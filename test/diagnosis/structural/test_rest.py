@@ -10,11 +10,11 @@ from arm_brachy.core.errors import RecordingError
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.prepared import prepare, rigid_motion
-from arm_brachy.diagnosis.registration import register
-from arm_brachy.diagnosis.rest_pose import exchanged_findings
-from arm_brachy.diagnosis.stream import OPTICAL
+from arm_brachy.diagnosis.isolation.sensor_offsets import exchanged_findings
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.preparation import prepare, rigid_motion
+from arm_brachy.diagnosis.signals.registration import register
+from arm_brachy.diagnosis.signals.stream import OPTICAL
 from arm_brachy.registry import parse_terms
 
 

@@ -8,10 +8,10 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from arm_brachy.core.random import stream as draws
-from arm_brachy.diagnosis import rest_colour
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.rest_colour import over_rests
-from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL, TISSUE, Stream
+from arm_brachy.diagnosis.signals import rest_noise
+from arm_brachy.diagnosis.signals.rest_noise import over_rests
+from arm_brachy.diagnosis.signals.stream import EM, FORCE, OPTICAL, TISSUE, Stream
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 
 PERIOD, SD, SHARE, TIME = 0.01, 0.03, 0.36, 1.2
 RESTS = tuple((1.5 * i, 1.5 * i + 0.4) for i in range(40))     # 1.1 s of pushes between them
@@ -75,7 +75,7 @@ def test_the_cost_is_that_of_the_joint_density_of_what_no_constant_changes():
         return -multivariate_normal.logpdf(z, cov=variance * null @ C @ null.T)
 
     for constants in (np.zeros(7, dtype=int), np.array([0, 0, 0, 0, 1, 1, 1])):
-        found, other = (rest_colour._costs(t, y, valid, constants, *colour)
+        found, other = (rest_noise._costs(t, y, valid, constants, *colour)
                         for colour in ((0.4, 0.03), (0.7, 0.2)))
         for c in range(2):
             assert found[c] - other[c] == pytest.approx(
@@ -95,7 +95,7 @@ def test_squared_correlations_of_what_has_nothing_in_common(colour):
         unit = means - means.mean(axis=0)
         unit = unit / np.linalg.norm(unit, axis=0)
         squares.append(((unit.T @ unit)**2)[np.triu_indices(12, 1)].mean())
-    count = rest_colour._independent(colour, stream, spans)
+    count = rest_noise._independent(colour, stream, spans)
     assert count * np.mean(squares) == pytest.approx(1.0, abs=0.12)
     assert count == pytest.approx(11.0) if not colour.share else count < 11.0
 
@@ -147,7 +147,7 @@ def test_of_few_cells_a_faint_memory_is_noise(seed):
     faint = noise_of(Colour(0.06, 8.0), 9200, draws(seed, 'cells'))
     colour, _ = over_rests(along_one_axis(faint), FEW)
     assert 0.02 < colour.share < 0.15
-    assert 3.0 < colour.time <= rest_colour.LONGEST_SLOW
+    assert 3.0 < colour.time <= rest_noise.LONGEST_SLOW
 
 
 def test_of_few_cells_a_fifth_that_lasts_for_seconds_is_noise():
@@ -172,8 +172,8 @@ def test_of_few_cells_a_drift_and_a_past_that_are_loud_are_no_noise():
 def test_of_hours_of_rest_every_rest_counts_with_its_beginning():
     t = PERIOD * np.arange(300_000)
     rests = ((0.0, 500.0), (1000.0, 1002.0), (1500.0, 2500.0))
-    kept = rest_colour._kept(t, rests)
-    assert rest_colour.MOST_SAMPLES <= len(kept) <= rest_colour.MOST_SAMPLES + len(rests)
+    kept = rest_noise._kept(t, rests)
+    assert rest_noise.MOST_SAMPLES <= len(kept) <= rest_noise.MOST_SAMPLES + len(rests)
     for start, end in rests:
         inside = t[kept][(t[kept] >= start) & (t[kept] < end)]
         assert inside[0] == pytest.approx(start) and np.allclose(np.diff(inside), PERIOD)
@@ -209,7 +209,7 @@ def test_a_faint_drift_is_the_trackers_where_another_sees_the_body_come_back(see
     em = wandering(seed)
     assert over_rests(em, EIGHT) is None
     colour, _ = over_rests(em, EIGHT, watching(seed, 0.0))
-    assert colour.time > rest_colour.LONGEST_SLOW and 0.02 < colour.share <= rest_colour.FAINT
+    assert colour.time > rest_noise.LONGEST_SLOW and 0.02 < colour.share <= rest_noise.FAINT
 
 
 @pytest.mark.parametrize('seed', range(4))

@@ -5,11 +5,11 @@ import pytest
 
 from arm_brachy.core.random import stream
 from arm_brachy.devices.noise import ColouredNoise
-from arm_brachy.diagnosis.changes import steps
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.regression import whitened
-from arm_brachy.diagnosis.restricted import restricted_colour
-from arm_brachy.diagnosis.steadfast import steadfast
+from arm_brachy.diagnosis.statistics.change_points import steps
+from arm_brachy.diagnosis.statistics.change_retest import steadfast
+from arm_brachy.diagnosis.statistics.gls import whitened
+from arm_brachy.diagnosis.statistics.noise_process import Colour
+from arm_brachy.diagnosis.statistics.reml import restricted_colour
 
 PERIOD, NUMBER = 0.025, 3000
 T = PERIOD * np.arange(NUMBER)

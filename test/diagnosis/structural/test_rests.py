@@ -8,12 +8,12 @@ from scipy.signal import lfilter
 
 from arm_brachy.core.random import stream as draws
 from arm_brachy.devices.optical_tracker import OpticalParams
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.noise import Noise, noise_of
-from arm_brachy.diagnosis.rests import MOST_EXCESS, excess, rest_spans
-from arm_brachy.diagnosis.shared_noise import shared_noise
-from arm_brachy.diagnosis.stream import FORCE, Stream
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.noise import Noise, noise_of
+from arm_brachy.diagnosis.signals.rests import MOST_EXCESS, excess, rest_spans
+from arm_brachy.diagnosis.signals.shared_noise import shared_noise
+from arm_brachy.diagnosis.signals.stream import FORCE, Stream
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 
 PERIOD, SD, SHARE, TIME = 0.01, 0.03, 0.36, 1.2
 RESTS = tuple((1.5 * i, 1.5 * i + 0.4) for i in range(40))     # 1.1 s of pushes between them

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.rhythm import rhythm
+from arm_brachy.diagnosis.isolation.periodic import rhythm
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 
 SPAN, PERIOD, SD, AMPLITUDE = 90.0, 0.1, 2e-5, 1.3e-4
 

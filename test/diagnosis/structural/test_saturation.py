@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.stream import FORCE
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.stream import FORCE
 
 
 def forces(run, change):

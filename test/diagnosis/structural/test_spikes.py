@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from arm_brachy.devices.optical_tracker import OpticalParams
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.spikes import spikes
-from arm_brachy.diagnosis.stream import FORCE, OPTICAL
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.outliers import spikes
+from arm_brachy.diagnosis.signals.stream import FORCE, OPTICAL
 from arm_brachy.evaluation.timeseries import Series
 
 PERIOD = 0.05     # s

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis import noise
-from arm_brachy.diagnosis.stamps import from_zero, session_zero, together
-from arm_brachy.diagnosis.stream import FORCE, Stream, thinned
+from arm_brachy.diagnosis.signals import noise
+from arm_brachy.diagnosis.signals.stream import FORCE, Stream, thinned
+from arm_brachy.diagnosis.signals.timestamps import from_zero, session_zero, together
 
 NAMES, SD = ('a', 'b', 'c'), 0.05
 

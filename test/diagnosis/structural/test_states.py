@@ -8,14 +8,14 @@ import pytest
 from arm_brachy.core.random import stream
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.optical_tracker import OpticalParams
-from arm_brachy.diagnosis.colour import Colour
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.motion import Motion
-from arm_brachy.diagnosis.noise import Noise
-from arm_brachy.diagnosis.prepared import prepare
-from arm_brachy.diagnosis.states import _averaged, load_states
-from arm_brachy.diagnosis.stream import EM, FORCE, OPTICAL, Stream
-from arm_brachy.diagnosis.windows import windows_of
+from arm_brachy.diagnosis.signals.load_states import _averaged, load_states
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.motion import Motion
+from arm_brachy.diagnosis.signals.noise import Noise
+from arm_brachy.diagnosis.signals.preparation import prepare
+from arm_brachy.diagnosis.signals.stream import EM, FORCE, OPTICAL, Stream
+from arm_brachy.diagnosis.signals.windows import windows_of
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 from arm_brachy.evaluation.regimes import HELD, HOLD, LOAD, REST, RINGING, SETTLED, UNLOAD
 from arm_brachy.evaluation.timeseries import OpticalFrames, RunData
 from arm_brachy.offline import with_scene

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.motion import FINENESS, noise_of
-from arm_brachy.diagnosis.recorded import look
-from arm_brachy.diagnosis.steadied import steadied
-from arm_brachy.diagnosis.stream import ENCODER, REMAINS, Stream
+from arm_brachy.diagnosis.isolation.recordings import look
+from arm_brachy.diagnosis.signals.encoder_smoothing import steadied
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.motion import FINENESS, noise_of
+from arm_brachy.diagnosis.signals.stream import ENCODER, REMAINS, Stream
 
 T = np.arange(0.0, 60.0, 0.02)
 LOUD = 1e-4         # m

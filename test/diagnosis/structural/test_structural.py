@@ -9,10 +9,10 @@ from arm_brachy import registry
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.prepared import prepare
-from arm_brachy.diagnosis.states import load_states
-from arm_brachy.diagnosis.structural import structure_of
+from arm_brachy.diagnosis.isolation.isolate import structure_of
+from arm_brachy.diagnosis.signals.load_states import load_states
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.preparation import prepare
 from arm_brachy.offline import load_run
 from arm_brachy.recording.import_csv import import_csv
 from arm_brachy.recording.scene_import import import_scene

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.errors import RecordingError
-from arm_brachy.diagnosis.evidence import evidence_of
-from arm_brachy.diagnosis.prepared import prepare
-from arm_brachy.diagnosis.stream import ENCODER, FORCE, OPTICAL
+from arm_brachy.diagnosis.signals.loading import evidence_of
+from arm_brachy.diagnosis.signals.preparation import prepare
+from arm_brachy.diagnosis.signals.stream import ENCODER, FORCE, OPTICAL
 
 
 @pytest.fixture(scope='module')

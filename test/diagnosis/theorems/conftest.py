@@ -12,23 +12,23 @@ import pytest
 from arm_brachy.cell import pad_directions
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene, with_mesh
-from arm_brachy.diagnosis import conclude
-from arm_brachy.diagnosis.assembly import assemble
-from arm_brachy.diagnosis.baseline import Baseline
-from arm_brachy.diagnosis.decide import Decision, Explanation, Judge
-from arm_brachy.diagnosis.evidence import Evidence
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.hypotheses import Tried
-from arm_brachy.diagnosis.hypothesis import hypothesis
-from arm_brachy.diagnosis.matched import Matched
-from arm_brachy.diagnosis.nuisances import Priors, nuisances
-from arm_brachy.diagnosis.observables import Observables, channels_of, measured
-from arm_brachy.diagnosis.recorded import look
-from arm_brachy.diagnosis.responses import respond
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE, Stream
-from arm_brachy.diagnosis.tolerances import joined, tolerances
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.isolation.recordings import look
+from arm_brachy.diagnosis.likelihood.match import Matched
+from arm_brachy.diagnosis.likelihood.nuisances import Priors, nuisances
+from arm_brachy.diagnosis.likelihood.observation import Observables, channels_of, measured
+from arm_brachy.diagnosis.likelihood.tolerances import joined, tolerances
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.model.hypothesis import hypothesis
+from arm_brachy.diagnosis.model.linearised import Baseline
+from arm_brachy.diagnosis.model.sensitivities import respond
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.report import conclusions
+from arm_brachy.diagnosis.selection.judge import Decision, Explanation, Judge
+from arm_brachy.diagnosis.selection.problem import assemble
+from arm_brachy.diagnosis.selection.screening import Tried
+from arm_brachy.diagnosis.signals.loading import Evidence
+from arm_brachy.diagnosis.signals.motion import Path
+from arm_brachy.diagnosis.signals.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE, Stream
 from arm_brachy.registry import by_name, parse_terms
 
 SCENES = config_dir() / 'scenes'
@@ -39,7 +39,7 @@ STATES = 24         # per recording: enough for a few pushes, and cheaper than t
 
 @dataclass(frozen=True)
 class Judged:
-    """decision : decide.Decision;  modulus : what `conclude.recalibrated` says of it"""
+    """decision : judge.Decision;  modulus : what `conclusions.recalibrated` says of it"""
 
     decision: Decision
     modulus: dict
@@ -201,6 +201,6 @@ def judge():
         decision = Judge(problem, np.random.default_rng(1)).decide()
         accepted = decision.accepted.explanations if decision.accepted else ()
         scene = matched[0].baseline.model.specimen.scene
-        return Judged(decision, conclude.recalibrated(assembly, scene, accepted,
+        return Judged(decision, conclusions.recalibrated(assembly, scene, accepted,
                                                       Priors().modulus))
     return decide

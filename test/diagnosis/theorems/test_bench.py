@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from arm_brachy.diagnosis.finding import Calibration
-from arm_brachy.diagnosis.matched import SET_UP
-from arm_brachy.diagnosis.nuisances import MODULUS
-from arm_brachy.diagnosis.stream import BASE, OPTICAL, TISSUE
+from arm_brachy.diagnosis.likelihood.match import SET_UP
+from arm_brachy.diagnosis.likelihood.nuisances import MODULUS
+from arm_brachy.diagnosis.settings import Calibration
+from arm_brachy.diagnosis.signals.stream import BASE, OPTICAL, TISSUE
 
 
 def test_a_bench_that_gives_way_a_little_is_within_the_tolerances(breast, once):

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.finding import Calibration
-from arm_brachy.diagnosis.hypotheses import triable
-from arm_brachy.diagnosis.specimen import specimen_of
-from arm_brachy.diagnosis.stream import BASE, EM, OPTICAL, TISSUE
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.model.specimen import specimen_of
+from arm_brachy.diagnosis.selection.screening import triable
+from arm_brachy.diagnosis.settings import Calibration
+from arm_brachy.diagnosis.signals.motion import Path
+from arm_brachy.diagnosis.signals.stream import BASE, EM, OPTICAL, TISSUE
 from arm_brachy.registry import by_name
 from arm_brachy.tissue.newton import StaticSolver
 

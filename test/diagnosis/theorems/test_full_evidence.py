@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.assembly import assemble
-from arm_brachy.diagnosis.decide import Judge
-from arm_brachy.diagnosis.full_fits import FullFits
-from arm_brachy.diagnosis.hypotheses import Tried
-from arm_brachy.diagnosis.model_error import Accuracy
-from arm_brachy.diagnosis.responses import respond
+from arm_brachy.diagnosis.likelihood.discrepancy import Accuracy
+from arm_brachy.diagnosis.model.sensitivities import respond
+from arm_brachy.diagnosis.selection.full_fits import FullFits
+from arm_brachy.diagnosis.selection.judge import Judge
+from arm_brachy.diagnosis.selection.problem import assemble
+from arm_brachy.diagnosis.selection.screening import Tried
 
 LUMP = {'name': 'inclusion', 'centre_mm': (20.0, 10.0, 30.0), 'radius_mm': 12.0, 'ratio': 4.0}
 

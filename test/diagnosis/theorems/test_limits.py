@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.config import to_mapping
-from arm_brachy.diagnosis.assembly import assemble
-from arm_brachy.diagnosis.hypotheses import Tried
-from arm_brachy.diagnosis.inference import detectability
-from arm_brachy.diagnosis.limits import FAR, SHOWS, limits_of
-from arm_brachy.diagnosis.responses import respond
+from arm_brachy.diagnosis.model.sensitivities import respond
+from arm_brachy.diagnosis.selection.detectability import FAR, SHOWS, limits_of
+from arm_brachy.diagnosis.selection.problem import assemble
+from arm_brachy.diagnosis.selection.screening import Tried
+from arm_brachy.diagnosis.statistics.linear_gaussian import detectability
 from arm_brachy.registry import by_name
 
 
@@ -37,7 +37,7 @@ def test_a_support_that_gives_way_shows_rather_earlier(breast, rich, cause):
 
 
 def made_at_limit(lab, path, hypothesis):
-    """(statements.Limit, standard deviations by the full model) of a cause in a recording."""
+    """(parts.Limit, standard deviations by the full model) of a cause in a recording."""
     matched = lab.watch(path)
     limit, = limits_of(assembled(matched, [hypothesis]))
     k = [s.label for s in hypothesis.strengths].index(limit.parameter)

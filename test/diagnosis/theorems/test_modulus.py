@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.stream import EM, OPTICAL
-from arm_brachy.diagnosis.transmission import Path
+from arm_brachy.diagnosis.signals.motion import Path
+from arm_brachy.diagnosis.signals.stream import EM, OPTICAL
 
 SAME = 1e-9         # m: ten times what Newton leaves outstanding
 HELD = 3.8          # s: in the first stand with a pad pushed, of every path

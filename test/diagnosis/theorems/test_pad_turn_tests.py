@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from arm_brachy.diagnosis.adequacy import scan
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.pad_turn_tests import Turn
-from arm_brachy.diagnosis.stream import FORCE, OPTICAL
-from arm_brachy.diagnosis.structured_tests import in_directions, structured_tests
-from arm_brachy.diagnosis.whereabouts import places_of_test
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.report.localisation import places_of_test
+from arm_brachy.diagnosis.selection.misfit_tests import in_directions, structured_tests
+from arm_brachy.diagnosis.selection.pad_rotation_tests import Turn
+from arm_brachy.diagnosis.signals.stream import FORCE, OPTICAL
+from arm_brachy.diagnosis.statistics.misfit_scan import scan
 from arm_brachy.tissue.newton import StaticSolver
 
 ROCKS = np.deg2rad(2.0) / 6e-3      # rad/m of push

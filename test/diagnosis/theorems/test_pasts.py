@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.adequacy import scan
-from arm_brachy.diagnosis.finding import Calibration
-from arm_brachy.diagnosis.forward import ForwardModel
-from arm_brachy.diagnosis.law_error import SPILL, past_errors
-from arm_brachy.diagnosis.pooled_tests import Past
-from arm_brachy.diagnosis.stream import ENCODER, FORCE, OPTICAL
-from arm_brachy.diagnosis.structured_tests import in_directions, structured_tests
-from arm_brachy.diagnosis.transmission import Path
-from arm_brachy.diagnosis.whereabouts import places_of_test
+from arm_brachy.diagnosis.likelihood.constitutive_error import SPILL, past_errors
+from arm_brachy.diagnosis.model.forward import ForwardModel
+from arm_brachy.diagnosis.report.localisation import places_of_test
+from arm_brachy.diagnosis.selection.misfit_tests import in_directions, structured_tests
+from arm_brachy.diagnosis.selection.pooled_misfit_tests import Past
+from arm_brachy.diagnosis.settings import Calibration
+from arm_brachy.diagnosis.signals.motion import Path
+from arm_brachy.diagnosis.signals.stream import ENCODER, FORCE, OPTICAL
+from arm_brachy.diagnosis.statistics.misfit_scan import scan
 from arm_brachy.tissue.newton import StaticSolver
 
 FILL, LEAK = 6.0, 25.0      # s
@@ -39,7 +39,7 @@ def with_gap(path, width):
 
 
 def scanned(matched):
-    """(adequacy.Scan, labels) of a Matched without any cause."""
+    """(misfit_scan.Scan, labels) of a Matched without any cause."""
     columns, labels = structured_tests([matched])
     return scan(matched.U, matched.r, columns, np.random.default_rng(3),
                 together=in_directions(labels)), labels

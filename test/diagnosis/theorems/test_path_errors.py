@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from arm_brachy.diagnosis.course import Course
-from arm_brachy.diagnosis.model_error import course_errors, path_errors
-from arm_brachy.diagnosis.stream import ENCODER, FORCE
+from arm_brachy.diagnosis.isolation.positioning_error import Course
+from arm_brachy.diagnosis.likelihood.discrepancy import course_errors, path_errors
+from arm_brachy.diagnosis.signals.stream import ENCODER, FORCE
 
 LOUD = 1e-4     # m
 

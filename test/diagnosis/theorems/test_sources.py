@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.candidates import Occasions, candidates
+from arm_brachy.diagnosis.isolation.handover import Occasions
+from arm_brachy.diagnosis.selection.candidates import candidates
 from arm_brachy.registry import by_name
 from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.mesh import boundary_faces

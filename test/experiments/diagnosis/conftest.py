@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.random import stream
-from arm_brachy.diagnosis.diagnosis import Diagnosis, Provenance
-from arm_brachy.diagnosis.statements import Place
+from arm_brachy.diagnosis.report.answer import Diagnosis, Provenance
+from arm_brachy.diagnosis.results.parts import Place
 from arm_brachy.experiments.diagnosis_cases import labels
 from arm_brachy.experiments.diagnosis_plan import base_cell, plan
 from arm_brachy.experiments.diagnosis_recordings import Motion

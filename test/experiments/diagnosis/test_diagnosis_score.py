@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.cause import Cause, Estimate
-from arm_brachy.diagnosis.statements import Interval, Place, StreamFit
+from arm_brachy.diagnosis.results.cause import Cause, Estimate
+from arm_brachy.diagnosis.results.parts import Interval, Place, StreamFit
 from arm_brachy.experiments.diagnosis_score import all_hold, score
 
 MM = 1e-3

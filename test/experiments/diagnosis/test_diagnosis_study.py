@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from arm_brachy.core.errors import NotConverged
-from arm_brachy.diagnosis.diagnosis import Diagnosis, Provenance
+from arm_brachy.diagnosis.report.answer import Diagnosis, Provenance
 from arm_brachy.experiments import diagnosis_cases as cases
 from arm_brachy.experiments import diagnosis_study as study
 from arm_brachy.experiments.diagnosis_plan import plan

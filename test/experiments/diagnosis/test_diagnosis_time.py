@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.specimen import specimen_of
+from arm_brachy.diagnosis.model.specimen import specimen_of
 from arm_brachy.experiments import diagnosis_time as timing
 from arm_brachy.experiments.diagnosis_cases import store
 from arm_brachy.experiments.diagnosis_plan import SCENE, plan

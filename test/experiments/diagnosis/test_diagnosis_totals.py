@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis.cause import Cause, Estimate
-from arm_brachy.diagnosis.statements import StreamFit
+from arm_brachy.diagnosis.results.cause import Cause, Estimate
+from arm_brachy.diagnosis.results.parts import StreamFit
 from arm_brachy.experiments import diagnosis_cases as cases
 from arm_brachy.experiments import diagnosis_totals as totals
 from arm_brachy.experiments.diagnosis_plan import plan

@@ -5,7 +5,7 @@ import pytest
 
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.evidence import load_evidence
+from arm_brachy.diagnosis.signals.loading import load_evidence
 from arm_brachy.experiments.csv_files import write_recording
 from arm_brachy.experiments.gel_block import protocol, recorder
 from arm_brachy.experiments.gel_block.layout import MM, PADS

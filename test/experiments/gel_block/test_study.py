@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.evidence import load_evidence
+from arm_brachy.diagnosis.signals.loading import load_evidence
 from arm_brachy.experiments import laboratory, told
 from arm_brachy.experiments.diagnosis_cases import save
 from arm_brachy.experiments.gel_block import study

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from arm_brachy.core.scene import load_scene
-from arm_brachy.diagnosis.evidence import load_evidence
-from arm_brachy.diagnosis.recorded import look
+from arm_brachy.diagnosis.isolation.recordings import look
+from arm_brachy.diagnosis.signals.loading import load_evidence
 from arm_brachy.experiments.csv_files import write_recording
 from arm_brachy.experiments.half_cylinder import protocol, recorder
 from arm_brachy.experiments.half_cylinder.bodies import Beyond
@@ -132,7 +132,7 @@ SLIPPED = Setup(slip=('m4', 20.0, (0.42 * MM, 0.43 * MM, -0.36 * MM)))
 
 @pytest.fixture(scope='module')
 def seen(recorded, tmp_path_factory):
-    """(streams, evidence.Evidence) of a short recording in which m4 slips: files written,
+    """(streams, loading.Evidence) of a short recording in which m4 slips: files written,
     imported and read by the scene."""
     folder = tmp_path_factory.mktemp('seen')
     with pytest.MonkeyPatch.context() as short:

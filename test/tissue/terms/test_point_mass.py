@@ -7,7 +7,7 @@ import pytest
 
 from arm_brachy.core.errors import ConfigError, MeshError
 from arm_brachy.core.scene import Marker, Material, MeshFile, PointLoad, Region, Scene
-from arm_brachy.diagnosis.free_model import FreeModel, free_specimen
+from arm_brachy.diagnosis.free_vibration.model import FreeModel, free_specimen
 from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.build import build_body

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from arm_brachy.core.errors import MeshError
-from arm_brachy.diagnosis.law_error import OWN
+from arm_brachy.diagnosis.likelihood.constitutive_error import OWN
 from arm_brachy.tissue.body import Pad, SoftBody
 from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.element import EDGES

@@ -1,0 +1,248 @@
+"""Marker on a pad minus encoder: what actuator, transmission and clocks do, without any tissue.
+
+Along the push direction r = y - u, y the marker's travel and u the encoder's. A gain g gives g u,
+a compliance c gives -c F, play of width w the play operator less u, a delay D of the marker's
+stamps -D du/dt, lost steps or a slipped marker a step. What follows the place beyond that
+(`positioning_error`) is taken out before anything else is asked.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from arm_brachy.diagnosis.isolation.positioning_error import Course, course_of
+from arm_brachy.diagnosis.signals.regressors import drift_columns, play, slope
+from arm_brachy.diagnosis.signals.stream import ENCODER, FORCE, OPTICAL
+from arm_brachy.diagnosis.statistics.change_points import steps
+from arm_brachy.diagnosis.statistics.change_retest import steadfast
+from arm_brachy.diagnosis.statistics.gls import regress
+from arm_brachy.diagnosis.statistics.noise_process import residual_colour
+from arm_brachy.diagnosis.statistics.subset_selection import choose
+
+GAIN, COMPLIANCE, PLAY, DELAY, OFFSET = 'gain', 'compliance', 'play', 'delay', 'offset'
+POSITIVE = (COMPLIANCE, PLAY)   # nothing pushes back harder than it is pushed
+WIDEST_PLAY = 0.5        # of the pad's travel
+REACH = 0.01             # s, over which the encoder's slope is taken
+FEWEST = 50              # samples of a marker or force
+ALONG_Z = 0.999          # cosine
+PASSES = 3               # over what is not linear: delay, width of the play, steps
+LATE = 3.0               # standard deviations of a delay by which the encoder is shifted
+
+
+@dataclass(frozen=True)
+class PadTravel:
+    """What the marker of one pad says of its actuator.
+
+    pad, marker : names;  moved : [m] largest travel
+    causes : cause -> (value, sd), SI, only those that the data ask for
+    all : the same with every cause fitted at once, those that matter and those that do not
+    rivals : chosen cause -> causes that would do as well in its place
+    steps : change_points.Step each, size (3,) [m] in `frame`
+    gain : (value, sd) of a gain beside what was chosen, in the place of a compliance: several pads
+        together may show a scale that none of them does alone
+    stiffness : [N/m] of what pushes back, 0 where that was not measured
+    tilt, tilt_sd : (2,) slope of the motion across over that along the push
+    frame : (3, 3) push direction, up and side, rows, world frame, see `push_frame`
+    course : Course that was taken out, None where the pad goes as evenly as can be told
+    """
+
+    pad: str
+    marker: str
+    moved: float
+    causes: dict
+    all: dict
+    rivals: dict
+    steps: tuple
+    gain: tuple
+    stiffness: float
+    tilt: np.ndarray
+    tilt_sd: np.ndarray
+    frame: np.ndarray
+    course: Course | None = None
+
+
+def pad_travels(evidence, noise, touch, *, alarm, even=2e-5):
+    """PadTravel of every marker on a pad that moved; a tuple.
+
+    evidence : Evidence, optical positions in the world frame;  noise : noise.Noise of that stream
+    touch : [m] less travel counts as none;  alarm : probability of a false step per marker
+    even : [m] rms by which a sound actuator may err from place to place
+    Test: diagnosis/structural/test_pad_travel.py
+    """
+    optical, encoder = evidence.get(OPTICAL), evidence.get(ENCODER)
+    if optical is None or encoder is None:
+        return ()
+    found = []
+    for i, pad in enumerate(encoder.names):
+        seen = encoder.valid[:, i]
+        travel = encoder.t[seen], encoder.values[seen, i, 0]
+        if np.ptp(travel[1]) > touch:
+            found += [_one(evidence, noise, pad, int(k), travel, (touch, alarm, even))
+                      for k in optical.on(pad)]
+    return tuple(one for one in found if one is not None)
+
+
+def _one(evidence, noise, pad, k, travel, limits):
+    optical, (touch, alarm, even) = evidence.get(OPTICAL), limits
+    inside = (optical.t >= travel[0][0]) & (optical.t <= travel[0][-1])
+    t, valid = optical.t[inside], optical.valid[inside, k]
+    if valid.sum() < FEWEST:
+        return None
+    axis = evidence.directions[evidence.pads.index(pad)]
+    frame = push_frame(axis)
+    moved = (optical.values[inside, k] - optical.rest[k]) @ frame.T
+    force = _push_back(evidence, pad, axis)
+    known = noise.colour, np.hypot(noise.sd[k].mean(), _as_white(evidence, pad))
+    one = _explained(t, moved, valid, travel, force, known, alarm)
+    course = _course(t, one, valid, touch)
+    loud = evidence.get(ENCODER).path_error(0.0)[evidence.get(ENCODER).names.index(pad)]
+    if course is None or course.chance > alarm or course.rms <= np.hypot(even, loud):
+        course = None
+    else:
+        moved[:, 0] -= course.error(one.causes[GAIN])
+        one = _explained(t, moved, valid, travel, force, known, alarm)
+    choice = _chosen(t, one, valid)
+    tilt, tilt_sd = regress(t, one.y[:, 1:], one.fixed | {GAIN: one.causes[GAIN]}, valid,
+                            one.colour, one.sd[1:]).of(GAIN)
+    everything = {c: tuple(float(x[0]) for x in one.full.of(c)) for c in one.causes}
+    return PadTravel(pad, optical.names[k], float(np.ptp(travel[1])),
+                     _with_delay(choice.estimates, everything, one.delay),
+                     _with_delay(everything, everything, one.delay), choice.rivals, one.steps,
+                     _gain(t, one, choice, valid), _stiffness(travel, force), tilt, tilt_sd, frame,
+                     course)
+
+
+def _as_white(evidence, pad):
+    """[m] noise of markers that comes to as much in a stand as the encoders' leaves there."""
+    optical, encoder = evidence.get(OPTICAL), evidence.get(ENCODER)
+    if encoder.taken is None:
+        return 0.0
+    return encoder.taken[encoder.names.index(pad)] * np.sqrt(encoder.period / optical.period)
+
+
+def _gain(t, one, choice, valid):
+    """(value, sd) of a gain beside what a Choice has, without compliance."""
+    beside = {name: one.causes[name] for name in choice.estimates if name != COMPLIANCE}
+    return regress(t, one.y[:, :1], one.fixed | beside | {GAIN: one.causes[GAIN]}, valid,
+                   one.colour, one.sd[:1]).of(GAIN)
+
+
+def _stiffness(travel, force):
+    """Force over travel [N/m]; 0 without forces."""
+    return 0.0 if force is None else float(np.ptp(force[1]) / np.ptp(travel[1]))
+
+
+def _chosen(t, one, valid):
+    """choice.Choice of the causes of an _Explained."""
+    return choose(t, one.y[:, :1], one.fixed, one.causes, valid, one.colour, one.sd[:1],
+                  positive=POSITIVE)
+
+
+def _course(t, one, valid, touch):
+    """Course of an _Explained; gain and compliance follow the place as well and are left to it."""
+    kept = set(_chosen(t, one, valid).estimates) - {GAIN, COMPLIANCE}
+    others = one.fixed | {name: column for name, column in one.causes.items() if name in kept}
+    rivals = {name: column for name, column in one.causes.items() if name not in kept}
+    return course_of(t, one.y[:, :1], one.causes[GAIN], others, rivals, valid, one.colour,
+                     one.sd[:1], away=touch)
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """y : (n, 3) motion less the encoder's;  fixed, causes : name -> column (n,);  full : Fit
+
+    colour, sd : of what is left;  steps : change_points.Step each
+    delay : [s] by which the encoder is shifted
+    """
+
+    y: np.ndarray
+    fixed: dict
+    causes: dict
+    full: object
+    colour: object
+    sd: np.ndarray
+    steps: tuple
+    delay: float
+
+
+def _explained(t, moved, valid, travel, force, known, alarm):
+    """_Explained motion (n, 3) [m] of a marker in the frame of its push.
+
+    known : (colour, standard deviation) of the noise at rest
+    """
+    delay, jumps, colour, sd = 0.0, (), known[0], np.full(3, known[1])
+    for again in reversed(range(PASSES)):
+        then = t - delay
+        y = moved - np.outer(np.interp(then, *travel), [1.0, 0.0, 0.0])
+        fixed = {OFFSET: np.ones_like(t)} | drift_columns(t) | {
+            f'step {j}': (t >= jump.t).astype(float) for j, jump in enumerate(jumps)}
+        causes = _causes(then, travel, force)
+        causes |= _play_column(then, y[:, 0], fixed | causes, valid, travel)
+        full = regress(t, y, fixed | causes, valid, colour, sd)
+        colour, sd = residual_colour(t, full.residual, valid, *known)
+        slow = np.stack(list((drift_columns(t) | causes).values()), axis=1)
+        jumps = steps(t, y, valid, colour, sd, slow, alarm=alarm)
+        jumps = steadfast(jumps, t, y, valid, np.full(3, known[1]), slow, alarm=alarm)
+        late, error = (float(x[0]) for x in full.of(DELAY))
+        if again and abs(late) > LATE * error:
+            delay += late
+    return _Explained(y, fixed, causes, full, colour, sd, jumps, delay)
+
+
+def _with_delay(estimates, everything, delay):
+    """Add the delay that the encoder was already shifted by."""
+    if delay == 0.0:
+        return estimates
+    value, sd = estimates.get(DELAY, (0.0, everything[DELAY][1]))
+    return estimates | {DELAY: (delay + value, sd)}
+
+
+def push_frame(axis):
+    """Rotation (3, 3) whose rows are the unit push direction `axis` (3,), the unit vector across
+    it nearest to world z (to x for a push along z), and the product of the two.
+    """
+    up = np.eye(3)[2 if abs(axis[2]) < ALONG_Z else 0]
+    up = up - (up @ axis) * axis
+    up = up / np.linalg.norm(up)
+    return np.stack([axis, up, np.cross(axis, up)])
+
+
+def _push_back(evidence, pad, axis):
+    """(t, force [N]) pushing back on a pad along its axis; None if it was not measured."""
+    force = evidence.get(FORCE)
+    if force is None or pad not in force.names:
+        return None
+    j = force.names.index(pad)
+    seen = force.valid[:, j]
+    push = -force.vectors[seen, j] @ axis
+    return (force.t[seen], push) if seen.sum() >= FEWEST and np.ptp(push) > 0.0 else None
+
+
+def _causes(then, travel, force):
+    columns = {GAIN: np.interp(then, *travel), DELAY: -slope(then, *travel, REACH)}
+    if force is not None:
+        columns[COMPLIANCE] = -np.interp(then, *force)
+    return columns
+
+
+def _play_column(then, y, columns, valid, travel):
+    """Play per unit width at the width that fits best by ordinary least squares."""
+    X = np.stack(list(columns.values()), axis=1)[valid]
+    Q = np.linalg.qr(X / np.maximum(np.abs(X).max(axis=0), 1e-300))[0]
+    left = y[valid] - Q @ (Q.T @ y[valid])
+    widest = WIDEST_PLAY * float(np.ptp(travel[1]))
+
+    def column(width):
+        return np.interp(then, travel[0], play(travel[1], width) - travel[1]) / width
+
+    def misfit(log_width):
+        width = np.exp(log_width)
+        c = column(width)[valid]
+        c = c - Q @ (Q.T @ c)
+        return float(np.sum((left - width * c) ** 2))
+
+    grid = np.log(np.geomspace(1e-3 * widest, widest, 13))
+    best = int(np.argmin([misfit(g) for g in grid]))
+    bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    return {PLAY: column(np.exp(minimize_scalar(misfit, bounds=bounds, method='bounded').x))}

@@ -1,0 +1,80 @@
+"""What the recording says by itself: one finding per statement, and what is still no fault."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import chi2
+
+ALARM = 1e-3   # probability of a false finding in a recording without faults, all tests together
+ALIKE = 3.0    # standard deviations within which two estimates are one
+CERTAIN = 38.0  # z whose tail is the smallest number there is: for what is seen, not estimated
+
+
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is not as the scene and a sound cell would have it.
+
+    stream : kind of stream (stream.ENCODER ...);  channel : marker, pad or tool, '' = all of them
+    term : name of the term in the registry that says it, None if there is none
+    parameter : of that term, '' if there is none
+    value, sd : SI, float or (3,);  unit : SI unit in words
+    z : size in standard deviations, calibration included (root of chi^2 for a vector)
+    t_start, t_end : [s] from when to when
+    statement : one sentence;  rivals : terms that this recording cannot tell from it
+    onset : (low, high) [s] 90 % interval of a sudden beginning; None = it is there all along
+    parameters : what the finding says of the term's fields, SI: `registry.by_name(term)` can be
+        made from them; empty without a term
+    slack : sd [SI] of what calibration leaves in the value besides; its interval has both
+    errors : sd [SI] of other parameters that were estimated with it, of the same slack
+    """
+
+    stream: str
+    channel: str
+    term: str | None
+    parameter: str
+    value: float | np.ndarray
+    unit: str
+    sd: float | np.ndarray
+    z: float
+    t_start: float
+    t_end: float
+    statement: str
+    rivals: tuple = ()
+    onset: tuple | None = None
+    parameters: dict = field(default_factory=dict)
+    slack: float = 0.0
+    errors: dict = field(default_factory=dict)
+
+    @property
+    def nameless(self):
+        """True if it is a departure from the model that no term says; silence [s] is none."""
+        return self.term is None and self.unit != 's'
+
+
+def threshold(tests, dof=1):
+    """z above which one of `tests` tests is a finding; `dof` components make up its chi^2."""
+    return float(np.sqrt(chi2.isf(ALARM / max(tests, 1), dof)))
+
+
+def sigma(value, sd, slack=0.0):
+    """z of an estimate: its size over error and calibration together.
+
+    value, sd : float or (c,);  slack : standard deviation per component that is no fault
+    """
+    both = np.sqrt(np.square(sd) + slack ** 2)
+    return float(np.sqrt(np.sum(np.square(np.asarray(value) / both))))
+
+
+def weighted_mean(estimates, slack=0.0):
+    """Mean of (value, sd) pairs by their errors and `slack` together; (value, sd)."""
+    values, errors = (np.array(x) for x in zip(*estimates, strict=True))
+    weight = 1.0 / (errors ** 2 + slack ** 2)
+    return float(np.sum(weight * values) / weight.sum()), float(weight.sum() ** -0.5)
+
+
+def alike(estimates, slack=0.0):
+    """True if (value, sd) pairs agree with their mean within errors and `slack`."""
+    mean, _ = weighted_mean(estimates, slack)
+    return all(sigma(value - mean, sd, slack) < ALIKE for value, sd in estimates)
