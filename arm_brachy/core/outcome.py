@@ -23,6 +23,10 @@ class Outcome(Enum):
     LOST_REGISTRATION = ("the optical tracker's frame is not known; show it three markers of base "
                          'or pads')
     WRONG_SCENE = 'the markers are not those of the scene; give the scene of this body'
+    IMAGE_EMPTY = 'the image plane meets no tissue; move the probe onto the skin'
+    TIP_OUT_OF_IMAGE = 'the needle tip is not in the image; move the probe or the needle'
+    TIP_NOT_SEEN = ('no needle is seen where its tip is expected; check contact, hole and depth '
+                    'of the needle')
     NOT_POSITIVE_DEFINITE = ('a covariance is not positive definite and the estimate is withheld; '
                              'reset the estimator and report the recording')
 

@@ -3,9 +3,9 @@
 Every element holds a Poisson number of scatterers at fixed barycentric coordinates, so that they
 move with the material; elements with nodes in the middle of their edges are cut into eight parts
 (Bey 1995, Computing 55:355), within which motion is taken as linear. A body of half a litre has
-ten million scatterers. They are not stored: elements take runs of one pool of a million points,
-each from a place of its own. Two elements may share points, at other places of the image and in
-other shapes, so that their echoes do not agree.
+sixteen million scatterers. They are not stored: elements take runs of one pool of a million
+points, each from a place of its own. Two elements may share points, at other places of the image
+and in other shapes, so that their echoes do not agree.
 Regions (spheres of the body at rest) may echo more or less than plain tissue.
 """
 
@@ -15,10 +15,10 @@ from itertools import pairwise
 import numba
 import numpy as np
 
-from arm_brachy.devices.ultrasound import REACH
+from arm_brachy.devices.ultrasound import SLICE
 
 _PER_SD = np.float32(400.0)   # entries of a table of a Gaussian in a standard deviation
-_BELL = np.exp(-0.5 * (np.arange(REACH * _PER_SD + 1) / _PER_SD)**2).astype(np.float32)
+_BELL = np.exp(-0.5 * (np.arange(SLICE * _PER_SD + 1) / _PER_SD)**2).astype(np.float32)
 _POOL = 2**20        # scatterers that the elements take theirs from
 # Nodes of the eight parts of an element whose nodes are four corners, then the middles of its
 # edges 01, 02, 03, 12, 13, 23.
@@ -103,7 +103,7 @@ def _gather_elements(nodes, elements, first, count, pool, rest, mixed, regions, 
     for e in range(len(elements)):
         i0, i1, i2, i3 = elements[e]
         y0, y1, y2, y3 = nodes[i0, 1], nodes[i1, 1], nodes[i2, 1], nodes[i3, 1]
-        if min(y0, y1, y2, y3) >= REACH or max(y0, y1, y2, y3) <= -REACH:
+        if min(y0, y1, y2, y3) >= SLICE or max(y0, y1, y2, y3) <= -SLICE:
             continue
         u0, u1, u2, u3 = nodes[i0, 0], nodes[i1, 0], nodes[i2, 0], nodes[i3, 0]
         v0, v1, v2, v3 = nodes[i0, 2], nodes[i1, 2], nodes[i2, 2], nodes[i3, 2]
@@ -116,7 +116,7 @@ def _gather_elements(nodes, elements, first, count, pool, rest, mixed, regions, 
         for n in range(first[e], first[e] + count[e]):
             r, s, t = pool[n, 0], pool[n, 1], pool[n, 2]
             y = abs(y0 + r * y1 + s * y2 + t * y3)
-            if y >= np.float32(REACH):
+            if y >= np.float32(SLICE):
                 continue
             u, v = u0 + r * u1 + s * u2 + t * u3, v0 + r * v1 + s * v2 + t * v3
             if u < 0 or v < 0 or u >= width - 1 or v >= height - 1:

@@ -22,9 +22,9 @@ from arm_brachy.devices.ultrasound import ImageFormer
 class TipDetectorParams:
     """When a peak counts as a needle."""
 
-    window: float = quantity(8.0, 'mm', 'half the size of the square that is searched', low=0.5,
-                             high=50.0, source='largest deviation that a bevel needle is expected '
-                                               'to have over the depth of the phantom')
+    window: float = quantity(6.0, 'mm', 'half the size of the square that is searched', low=0.5,
+                             high=50.0, source='several times what the tip as told is wrong by; '
+                                               'told straight, 8 mm after 80 mm of an arc')
     least: float = quantity(0.45, '', 'correlation below which no needle is reported', low=0.0,
                             high=1.0, source='own choice, above what speckle alone reaches')
     head: float = quantity(1.5, 'mm', 'template around and above the head', low=0.2, high=10.0,

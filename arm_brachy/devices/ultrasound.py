@@ -25,7 +25,8 @@ _SHIFT = 15          # bits of a float32 that log compression leaves out
 _PHASES = 4096       # in a turn: 1.5 mrad, 56 dB below the echo
 _TURN = np.column_stack([f(2.0 * np.pi * (np.arange(_PHASES) + 0.5) / _PHASES)
                          for f in (np.cos, np.sin)]).astype(np.float32)
-REACH = 3.0          # standard deviations, beyond which a Gaussian is left out: 1 % of its peak
+_REACH = 3.0         # standard deviations, beyond which a Gaussian is left out: 1 % of its peak
+SLICE = 2.5          # the same across the plane: 0.04 % of the energy
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,8 @@ class UltrasoundParams:
     elevation: float = quantity(2.0, 'mm', 'that width across the image plane', low=0.05,
                                 high=20.0, source='fixed elevation lens of linear probes: 1 to 3 '
                                                   'mm')
-    density: float = quantity(20.0, 'per_mm3', 'scatterers in the tissue', low=0.1, high=1e3,
-                              source='13 in a resolution cell: fully developed speckle takes ten')
+    density: float = quantity(30.0, 'per_mm3', 'scatterers in the tissue', low=0.1, high=1e3,
+                              source='19 in a resolution cell: fully developed speckle takes ten')
     dynamic_range: float = quantity(60.0, 'dB', 'from black to white', low=10.0, high=120.0,
                                     source='usual setting of B-mode')
     brightness: float = quantity(-24.0, 'dB', 'mean level of plain tissue, below white',
@@ -106,13 +107,14 @@ class ImageFormer:
         """Return the envelope (height, width) of a body, its root mean square 1 in plain tissue.
 
         scatterers : speckle.TissueScatterers;  nodes : (n, 3) [m] in the probe's frame
+        And how many of the scatterers lie in the image.
         """
-        grid = self._empty()
-        p = self.params
+        grid, p = self._empty(), self.params
         scale = 1.0 / np.array([p.pixel[0], p.sigma[1], p.pixel[1]])
         steps = self._wave * p.pixel[1] * len(_TURN) / (2.0 * np.pi)
-        scatterers.gather(nodes * scale + [0.5 * (p.width - 1), 0.0, 0.0], grid, steps, _TURN)
-        return self._magnitude(self._blurred(grid))
+        seen = scatterers.gather(nodes * scale + [0.5 * (p.width - 1), 0.0, 0.0], grid, steps,
+                                 _TURN)
+        return self._magnitude(self._blurred(grid)), seen
 
     def _empty(self):
         return np.zeros((self.params.height, self.params.width, 2), dtype=np.float32)
@@ -159,7 +161,7 @@ def scatterers(inside, low, high, density, rng):
 
 def _gaussian(sigma):
     """Taps of a Gaussian of `sigma` pixels, peak 1: a scatterer's echo keeps its amplitude."""
-    reach = int(np.ceil(REACH * sigma))
+    reach = int(np.ceil(_REACH * sigma))
     return np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma)**2)
 
 
@@ -170,7 +172,7 @@ def _gather(points, amplitude, grid, wave, sy, dx, dz, turn):
     steps = len(turn) / (2.0 * np.pi)
     for n in range(len(points)):
         y = points[n, 1] / sy
-        if y * y > REACH * REACH:
+        if y * y > SLICE * SLICE:
             continue
         u = points[n, 0] / dx + 0.5 * (width - 1)
         v = points[n, 2] / dz

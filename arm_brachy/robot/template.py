@@ -6,6 +6,7 @@ depth from the face.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -85,12 +86,14 @@ class Template:
                                    ('row', row, self.params.rows)):
             if not 0 <= value < count:
                 raise InputError(f'template: {name} = {value}; must be 0 to {count - 1}')
-        return self.p + self.R @ self._local(column, row)
+        return self.holes[column, row].copy()
 
-    def _local(self, column, row):
-        middle = np.array([self.params.columns - 1, self.params.rows - 1]) / 2.0
-        x, y = self.params.pitch * (np.array([column, row]) - middle)
-        return np.array([x, y, 0.0])
+    @cached_property
+    def holes(self):
+        """(columns, rows, 3) [m] of all holes, base frame."""
+        x, y = (self.params.pitch * (np.arange(n) - 0.5 * (n - 1))
+                for n in (self.params.columns, self.params.rows))
+        return self.p + x[:, None, None] * self.R[:, 0] + y[:, None] * self.R[:, 1]
 
     def nearest(self, point):
         """Return (column, row) of the hole whose axis passes nearest to a point (3,) [m]."""
@@ -111,8 +114,6 @@ class Template:
         if abs(slope) < _GRAZING:
             raise InputError('template: its needles run along the image plane; must cross it: '
                              'turn the probe across the needles')
-        holes = np.array([[self.hole(i, j) for j in range(self.params.rows)]
-                          for i in range(self.params.columns)])
-        along = ((p - holes) @ normal / slope)[..., None]
-        at = pixels(base_to_image(R, p, image), (holes + along * self.axis).reshape(-1, 3))
+        along = ((p - self.holes) @ normal / slope)[..., None]
+        at = pixels(base_to_image(R, p, image), (self.holes + along * self.axis).reshape(-1, 3))
         return at[:, :2].reshape(self.params.columns, self.params.rows, 2)
