@@ -104,6 +104,8 @@ ULTRASOUND_TIP = Topic('ultrasound/tip', 'geometry_msgs/msg/PoseStamped',
                        'absent while it is not found')
 SURFACE = Topic('surface/cloud', 'sensor_msgs/msg/PointCloud2', 'skin as a scanner sees it', 1,
                 latched=True)
+PROCEDURE = Topic('procedure/state', 'diagnostic_msgs/msg/DiagnosticArray',
+                  'step of a procedure, its plan, its outcome', latched=True)
 TRUTH_NEEDLE = Topic('truth/needle', 'geometry_msgs/msg/PoseArray',
                      'true shaft of the needle, template to tip, z along it', 100)
 TRUTH_NEEDLE_FORCE = Topic('truth/needle_force', 'geometry_msgs/msg/WrenchStamped',
@@ -139,8 +141,8 @@ def estimate_positions(name):
 # Of a procedure: nobody says them where none of its nodes takes part.
 PROBE_TOPICS = (
     NEEDLE_COMMAND, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE, PROBE_JOINTS, PROBE_POSE, PROBE_WRENCH,
-    ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP, SURFACE, TRUTH_NEEDLE,
-    TRUTH_NEEDLE_FORCE, TRUTH_PROBE, TRUTH_CONTACT)
+    ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP, SURFACE, PROCEDURE,
+    TRUTH_NEEDLE, TRUTH_NEEDLE_FORCE, TRUTH_PROBE, TRUTH_CONTACT)
 ESTIMATES = tuple(estimate(name) for name in ESTIMATORS)
 ESTIMATED_MESHES = tuple(topic(name) for name in ESTIMATORS
                          for topic in (estimate_topology, estimate_positions))
@@ -234,7 +236,7 @@ MPC_MANIPULATOR = NodeSpec(
 OPERATOR = NodeSpec(
     'operator', "plays the clinician: sets the scenario's goals, sends the pads home; conducts a "
     'procedure',
-    publishes=(TASK, NEEDLE_COMMAND, *EVERYWHERE),
+    publishes=(TASK, NEEDLE_COMMAND, PROCEDURE, *EVERYWHERE),
     subscribes=(ACTUATORS, MANIPULATION, SAFETY, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE,
                 ULTRASOUND_TIP, SURFACE, *ESTIMATES),
     same=('actuator_driver', 'mpc_manipulator', 'needle_driver', 'probe_controller',

@@ -299,6 +299,10 @@ def _check_procedure(scenario, scene, place):
             raise ConfigError(f"{place('procedure')} beside {other} = "
                               f'{len(getattr(scenario, other))}; must be one of them: a procedure '
                               'sets its own goals')
+    if scenario.feedback == 'em':
+        raise ConfigError(f"{place('procedure')} with feedback = 'em'; must be an estimator: kf_admm, "
+                          'graph_vae, map or pod, since no needle can carry a sensor to every '
+                          'target')
     if not scene.pads:
         raise ConfigError(f"{place('procedure')}: scene {scene.name} has no pads; needs one at "
                           'least, to move the target')

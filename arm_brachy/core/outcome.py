@@ -30,6 +30,14 @@ class Outcome(Enum):
     NOT_POSITIVE_DEFINITE = ('a covariance is not positive definite and the estimate is withheld; '
                              'reset the estimator and report the recording')
 
+    UNREACHABLE = 'the probe cannot get there; the message says what is in the way'
+    NO_SURFACE = 'the skin is not known where the probe shall stand; scan it again'
+    NO_CONTACT = 'the probe found no skin and went back; scan again or give more time'
+    OUT_OF_IMAGE = "the needle's tip lies outside the depth of the image; withdraw the needle"
+    LIMIT_PASSED = 'a limit of force, speed or place was passed and the probe went back'
+    NO_PLAN = 'no needle path to the target; move the template or take another hole or needle'
+    TIMED_OUT = 'a step of the procedure took longer than allowed; the message names it'
+
     @property
     def ok(self):
         """True if the step did what was asked."""

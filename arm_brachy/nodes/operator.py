@@ -9,6 +9,7 @@ from arm_brachy.control.sequencer import Action, at_home
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.procedure_conductor import ProcedureConductor
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.service_calls import ServiceCalls
 from arm_brachy.nodes.spin import spin_node
@@ -37,6 +38,7 @@ class OperatorNode(Node):
         self._tasks = setup.cell.scenario.tasks
         self._sequencer = cells.build_sequencer(setup.cell)
         self._calls = ServiceCalls(self)
+        self._conductor = None
         if self._tasks:     # without any it calls nobody, and waits for nobody who would serve
             self._goal_client = self._calls.client(SetGoal, 'mpc_manipulator/set_goal')
             self._abort_client = self._calls.client(Trigger, 'mpc_manipulator/abort')
@@ -48,6 +50,9 @@ class OperatorNode(Node):
         self._permitted = setup.lockstep or graph.SUPERVISOR.name not in setup.peers
         self._task_pub = ticker.publisher(graph.TASK)
         self._health = Health(self, ticker, self._frame)
+        if setup.cell.scenario.procedure is not None:
+            self._conductor = ProcedureConductor(setup, ticker, self._calls, self._health,
+                                                 self._task_pub)
         targets = [t.name for t in setup.cell.scene.targets]
         for topic in graph.received(graph.OPERATOR, setup.peers, targets=targets):
             ticker.subscribe(topic)
@@ -60,6 +65,8 @@ class OperatorNode(Node):
             self._at_home = at_home(msg.position, msg.velocity)
         if not self._permitted:
             return None
+        if self._conductor is not None:
+            return self._conduct(tick, t_ns, inputs)
         action = self._sequencer.step(t_ns * 1e-9, self._at_home)
         if action is Action.SET_GOAL:
             return self._set_goal(t_ns, self._tasks[self._sequencer.index])
@@ -72,6 +79,26 @@ class OperatorNode(Node):
         if not self._lockstep:
             self._progress.sometimes(tick=tick, phase=self._sequencer.phase.value)
         return None
+
+    def _conduct(self, tick, t_ns, inputs):
+        """A tick of a procedure."""
+        one = self._conductor
+        one.hear(inputs)
+        if one.over:
+            self._leave()
+            return None
+        pending, finished = one.step(t_ns)
+        if finished:
+            one.say_finished(t_ns)
+        self._health.beat(t_ns, one.figures)
+        if not self._lockstep:
+            self._progress.sometimes(tick=tick, **one.figures())
+        return pending
+
+    def _leave(self):
+        if not self._lockstep:  # a tick after the end was said: everyone has heard it
+            self._progress.now(finished=True)
+            raise SystemExit(0)
 
     def _set_goal(self, t_ns, task):
         request = SetGoal.Request(
@@ -114,9 +141,8 @@ class OperatorNode(Node):
     def _finish(self, t_ns):
         if self._state is None or self._state.state != TaskState.FINISHED:
             self._say(t_ns, TaskState.FINISHED, self._sequencer.verdict)
-        elif not self._lockstep:  # a tick later: everyone has heard it
-            self._progress.now(finished=True)
-            raise SystemExit(0)
+        else:
+            self._leave()
 
     def _say(self, t_ns, state, message=''):
         msg = TaskState() if self._state is None else self._state

@@ -1,0 +1,430 @@
+"""A procedure: bring the target onto the needle's path, insert under the probe, withdraw.
+
+    SETTLING     rest
+    REGISTERING  until the estimator says where the target is, then plan: hole, roll, depth, goal
+    MOVING       the pads bring the target to its goal, and keep it there from now on
+    SCANNING     the skin anew: the pads have moved it
+    PLACING      needle to where the probe can see its tip
+    APPROACHING  probe onto the skin over the tip
+    INSERTING    needle to its depth, which follows the target; it waits for the probe where it
+                 must; the person who sees the overlay turns it back onto its path
+    DWELLING     at the target
+    WITHDRAWING  needle out, RETRACTING probe off, HOMING pads home, FINISHED
+Each step has a time limit. A failure names its outcome once; then needle, probe and pads go back
+in that order, each within its own limit, and what does not move any more is left where it is.
+Nothing is ordered while the safety state is not RUN. No ROS, no clock: time is an argument.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from arm_brachy.control.needle_plan import NoPlan, plan
+from arm_brachy.control.overlay_reader import OverlayReader
+from arm_brachy.control.safety import Permission
+from arm_brachy.core.outcome import Outcome
+
+AVERAGED = 1.0      # s of estimates whose mean is where the target is
+_FRESH = 0.5        # s, age from which on an estimate says nothing any more
+_STEP = 0.2e-3      # m by which a wanted depth has to change before it is ordered
+_ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: depth sensor's error
+_OUT = 1.5e-3       # m of told depth below which the needle is out
+IDLE, APPROACH, FOLLOW, HOLD, RETRACT, STOPPED = range(6)     # ProbeState.phase
+
+
+class Phase(Enum):
+    """Where the procedure stands."""
+
+    SETTLING = 'settling'
+    REGISTERING = 'registering'
+    MOVING = 'moving'
+    SCANNING = 'scanning'
+    PLACING = 'placing'
+    APPROACHING = 'approaching'
+    INSERTING = 'inserting'
+    DWELLING = 'dwelling'
+    WITHDRAWING = 'withdrawing'
+    RETRACTING = 'retracting'
+    HOMING = 'homing'
+    FINISHED = 'finished'
+
+
+class Kind(Enum):
+    """What can be ordered; the value is `Order.value`'s meaning."""
+
+    SET_GOAL = 'position (3,) [m] of the target'
+    RELEASE = 'nothing: drop the goal and send the pads home'
+    SCAN = 'nothing: scan the skin'
+    PLACE = 'hole (3,) [m], roll [rad]'
+    DRIVE = 'depth [m], speed [m/s]'
+    TURN = 'roll [rad]'
+    STAY = 'nothing: the needle holds'
+    FOLLOW = 'nothing: the probe follows the tip'
+    HOLD = 'nothing: the probe stands still'
+    RETRACT = 'nothing: the probe goes off the skin'
+    FINISH = 'nothing: all is over'
+
+
+@dataclass(frozen=True)
+class Order:
+    """One thing to do now."""
+
+    kind: Kind
+    value: tuple = ()
+
+
+@dataclass(frozen=True)
+class NeedleSeen:
+    """What is told of the needle: depth [m], tip (3,) [m] or None, R (3, 3) of it or None."""
+
+    depth: float
+    tip: np.ndarray | None = None
+    R: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class ProbeSeen:
+    """What the probe's controller says; see ProbeState."""
+
+    phase: int = IDLE
+    in_contact: bool = False
+    out_of_plane: float = np.nan
+    outcome: Outcome = Outcome.OK
+    message: str = ''
+
+
+class Procedure:
+    """Hear, then `step` once a tick.
+
+    phase : Phase;  outcome, message : of the procedure, OK while nothing has failed
+    plan : NeedlePlan, None before there is one
+    params : ProcedureParams;  holes : (columns, rows, 3) [m];  needle : NeedleCourse
+    Test: control/test_procedure.py
+    """
+
+    def __init__(self, params, holes, needle, settle):
+        """settle : [s] rest at the beginning; the rest see the class."""
+        self.params = params
+        self._holes, self._course, self._settle = holes, needle, settle
+        self._axes = np.array([a in params.axes for a in 'xyz'])
+        self.phase, self.outcome, self.message, self.plan = Phase.SETTLING, Outcome.OK, '', None
+        self._since, self._t = None, 0.0
+        self._target, self._at_home = deque(), False
+        self._needle, self._probe = NeedleSeen(0.0), ProbeSeen()
+        self._error, self._calm_since = np.inf, None
+        self._surfaces, self._scanned = 0, 0
+        self._depth, self._waits, self._permission, self._reason = None, None, Permission.HOLD, ''
+        self._reader = OverlayReader(params.steering)
+        self._held_since, self._ordered, self._pursued = None, False, False
+
+    # What is heard. Times in s, positions (3,) in m.
+
+    def hear_target(self, t, p):
+        """Where the feedback has the target."""
+        if np.all(np.isfinite(p)):
+            self._target.append((t, np.array(p, dtype=float)))
+
+    def hear_needle(self, seen):
+        """Take a NeedleSeen."""
+        self._needle = seen
+
+    def hear_probe(self, seen):
+        """Take a ProbeSeen."""
+        self._probe = seen
+
+    def hear_image(self, t, p):
+        """Where the tip was found in the image."""
+        self._reader.see(t, p)
+
+    def hear_surface(self):
+        """Note that the skin was scanned."""
+        self._surfaces += 1
+
+    def hear_pads(self, at_home):
+        """True while all pads are home and at rest."""
+        self._at_home = at_home
+
+    def permit(self, permission, reason=''):
+        """Take the supervisor's word."""
+        self._permission, self._reason = permission, reason
+
+    def refused(self, message):
+        """An order was refused: the step fails, a step of the way back goes on to the next."""
+        if self.phase in _WAY_BACK:
+            self._next_back()
+        else:
+            self._fail(Outcome.REJECTED, message)
+
+    @property
+    def target(self):
+        """Mean (3,) [m] of the last second of estimates; None without a fresh one."""
+        while self._target and self._target[0][0] < self._t - AVERAGED:
+            self._target.popleft()
+        if not self._target or self._target[-1][0] < self._t - _FRESH:
+            return None
+        return np.mean([p for _, p in self._target], axis=0)
+
+    def step(self, t):
+        """Return the list of Orders at time t [s]."""
+        self._t = t
+        if self._since is None:
+            self._enter(Phase.SETTLING)
+        if self._permission is not Permission.RUN:
+            return self._forbidden()
+        self._held_since = None
+        before = None
+        orders = []
+        while before is not self.phase:     # a step may end at once
+            before = self.phase
+            orders += getattr(self, f'_{self.phase.value}')() or []
+            limit = getattr(self.params.limits, self.phase.value, None)
+            if limit is not None and self._elapsed > limit:
+                orders += self._timed_out(limit)
+        return orders
+
+    def figures(self):
+        """What a recording keeps of the step and of the plan: name -> text, SI."""
+        out = {'phase': self.phase.value, 'outcome': self.outcome.name}
+        if self.plan is not None:
+            out |= {'hole': f'{self.plan.column} {self.plan.row}',
+                    'hole_m': _numbers(self.plan.hole), 'roll_rad': f'{self.plan.roll:.6g}',
+                    'depth_m': f'{self.plan.depth:.6g}', 'tip_m': _numbers(self.plan.tip),
+                    'goal_m': _numbers(self.plan.goal), 'left_m': f'{self.plan.left:.6g}'}
+        return out
+
+    # Steps. Each returns the orders it has now, None = none.
+
+    def _settling(self):
+        if self._elapsed >= self._settle:
+            self._enter(Phase.REGISTERING)
+
+    def _registering(self):
+        here = self.target
+        if here is None or self._target[-1][0] - self._target[0][0] < 0.5 * AVERAGED:
+            return None
+        try:
+            self.plan = plan(self._holes, self._course, here, axes=self._axes,
+                             reach=self.params.reach, hole=self.params.hole)
+        except NoPlan as why:
+            self._fail(why.outcome, str(why))
+            return None
+        self._enter(Phase.MOVING)
+        self._pursued = True
+        return [Order(Kind.SET_GOAL, tuple(self.plan.goal))]
+
+    def _moving(self):
+        here = self.target
+        self._error = np.inf if here is None else float(np.linalg.norm(
+            (here - self.plan.goal)[self._axes]))
+        if self._error > self.params.tolerance:
+            self._calm_since = None
+            return None
+        if self._calm_since is None:
+            self._calm_since = self._t
+        if self._t - self._calm_since >= self.params.calm:
+            self._enter(Phase.SCANNING)
+        return None
+
+    def _scanning(self):
+        if not self._ordered:
+            self._ordered, self._scanned = True, self._surfaces
+            return [Order(Kind.SCAN)]
+        if self._surfaces > self._scanned:
+            self._enter(Phase.PLACING)
+        return None
+
+    def _placing(self):
+        depth = max(0.0, self.plan.depth - self.params.view)
+        if not self._ordered:
+            self._ordered = True
+            return [Order(Kind.PLACE, (*self.plan.hole, self.plan.roll)),
+                    self._drive(depth, self.params.withdrawal)]
+        if self._there(depth):
+            self._enter(Phase.APPROACHING)
+        return None
+
+    def _approaching(self):
+        probe = self._probe
+        if not self._ordered:
+            self._ordered = True
+            return [Order(Kind.FOLLOW)]
+        if probe.phase == FOLLOW and probe.in_contact:
+            self._enter(Phase.INSERTING)
+        elif self._elapsed > _FRESH:
+            self._probe_well()
+        return None
+
+    def _inserting(self):
+        if self._elapsed > _FRESH and not self._probe_well():
+            return None
+        depth = self._depth_wanted()
+        if self._must_wait():
+            return self._wait()
+        orders = self._steer()
+        if self._there(depth):
+            self._enter(Phase.DWELLING)
+            return [*orders, Order(Kind.STAY)]
+        if self._waits is not None or self._depth is None or abs(depth - self._depth) > _STEP:
+            self._waits = None
+            orders.append(self._drive(depth, self.params.speed))
+        return orders
+
+    def _dwelling(self):
+        if self._elapsed >= self.params.dwell:
+            self._enter(Phase.WITHDRAWING)
+
+    def _withdrawing(self):
+        """The probe follows back to where it first saw the tip, then stands still."""
+        orders = []
+        if not self._ordered and self._needle.depth > _OUT:
+            self._ordered = True
+            orders.append(self._drive(0.0, self.params.withdrawal))
+        shallow = self.plan is None or self._needle.depth < self.plan.depth - self.params.view
+        if shallow and self._probe.phase in (APPROACH, FOLLOW):
+            orders.append(Order(Kind.HOLD))
+        if self._needle.depth < _OUT:
+            self._enter(Phase.RETRACTING)
+        return orders
+
+    def _retracting(self):
+        if self._probe.phase in (IDLE, STOPPED):
+            self._enter(Phase.HOMING)
+        elif not self._ordered:
+            self._ordered = True
+            if self._probe.phase != RETRACT:
+                return [Order(Kind.RETRACT)]
+        return None
+
+    def _homing(self):
+        if not self._ordered:
+            self._ordered = True
+            self._at_home = False       # what was heard so far is of before
+            return [Order(Kind.RELEASE)]
+        if self._at_home and self._elapsed > 0.0:
+            self._enter(Phase.FINISHED)
+        return None
+
+    def _finished(self):
+        return [Order(Kind.FINISH)]
+
+    # What steps share.
+
+    def _drive(self, depth, speed):
+        self._depth = depth
+        return Order(Kind.DRIVE, (depth, speed))
+
+    def _there(self, depth):
+        return abs(self._needle.depth - depth) < _ARRIVED
+
+    def _depth_wanted(self):
+        """Depth (m) at which the tip is level with the target, as it is now."""
+        here = self.target
+        if here is None:
+            return self.plan.depth if self._depth is None else self._depth
+        depth = self._course.depth_at(self.plan.hole, self.plan.roll, here)
+        near = self.plan.depth + np.array([-1.0, 1.0]) * self.params.reach
+        return float(np.clip(depth, max(0.0, near[0]), min(self._course.length, near[1])))
+
+    def _must_wait(self):
+        """True while the tip is ahead of the image plane, or the probe has no contact."""
+        ahead = self._probe.out_of_plane
+        return not self._probe.in_contact or (np.isfinite(ahead) and ahead > self.params.lost)
+
+    def _wait(self):
+        if self._waits is None:
+            self._waits = self._t
+            return [Order(Kind.STAY)]
+        if self._t - self._waits > self.params.limits.waiting:
+            what = 'tip' if self._probe.in_contact else 'skin'
+            self._fail(Outcome.STALE_INPUT, f'the probe has lost the {what} for '
+                       f'{self.params.limits.waiting:g} s: scan again or insert more slowly')
+        return None
+
+    def _steer(self):
+        """What the person who sees the overlay does: orders to turn the needle, often none."""
+        if not self.params.overlay:
+            return []
+        roll = self._reader.look(self._t, self._on_path, self.plan, self._course)
+        return [] if roll is None else [Order(Kind.TURN, (roll,))]
+
+    def _on_path(self, point):
+        """Where the planned path is level with a point (3,) [m], and how far it is to its end."""
+        depth = self._course.depth_at(self.plan.hole, self.plan.roll, point)
+        return self.plan.hole + self._course.offset(self.plan.roll, depth), self.plan.depth - depth
+
+    def _probe_well(self):
+        """False, and the procedure has failed, once the probe has given up."""
+        probe = self._probe
+        if probe.outcome.ok or probe.phase in (APPROACH, FOLLOW):
+            return True
+        self._fail(probe.outcome, probe.message)
+        return False
+
+    @property
+    def _elapsed(self):
+        return self._t - self._since
+
+    def _enter(self, phase):
+        self.phase, self._since, self._ordered, self._waits = phase, self._t, False, None
+
+    def _fail(self, outcome, message):
+        self.outcome, self.message = outcome, f'{self.phase.value}: {message}'
+        self._enter(Phase.WITHDRAWING)
+
+    def _timed_out(self, limit):
+        """A step lasted too long; on the way back the next step begins."""
+        said = _SLOW.get(self.phase, '')
+        said = said.format(error=f'{1e3 * self._error:.2f}',
+                           depth=f'{1e3 * self._needle.depth:.1f}')
+        if self.phase in _WAY_BACK:
+            if self.outcome.ok:
+                self.outcome = Outcome.TIMED_OUT
+                self.message = f'{self.phase.value}: not over within {limit:g} s: {said}'
+            self._next_back()
+        else:
+            self._fail(Outcome.TIMED_OUT, f'not over within {limit:g} s: {said}')
+        return []
+
+    def _next_back(self):
+        self._enter(_WAY_BACK[_WAY_BACK.index(self.phase) + 1])
+
+    def _forbidden(self):
+        """Everybody stands still by the supervisor's word; a step under way has failed.
+
+        After a while without RUN the procedure ends where it is: after a STOP the arm retracts by
+        itself, the needle and the pads stay.
+        """
+        if self.phase in (Phase.SETTLING, Phase.REGISTERING):
+            if self._permission is Permission.HOLD:     # nothing has moved: wait
+                self._since = self._t
+                return []
+        if self.phase is Phase.FINISHED:
+            return [Order(Kind.FINISH)]
+        if self._held_since is None:
+            self._held_since = self._t
+            if self.outcome.ok:
+                self._fail(Outcome.HELD, f'{self._permission.name} by the supervisor: '
+                           f'{self._reason}')
+        if self._t - self._held_since > self.params.limits.waiting:
+            self._enter(Phase.FINISHED)
+        return []
+
+
+def _numbers(values):
+    return ' '.join(f'{v:.6g}' for v in values)
+
+
+_WAY_BACK = (Phase.WITHDRAWING, Phase.RETRACTING, Phase.HOMING, Phase.FINISHED)
+_SLOW = {
+    Phase.REGISTERING: 'no estimate of the target; look at the markers',
+    Phase.MOVING: 'the target is {error} mm from its goal; choose another hole',
+    Phase.SCANNING: 'no cloud came; look at the scanner',
+    Phase.PLACING: 'the needle is {depth} mm deep; look at its drive',
+    Phase.APPROACHING: 'no contact over the tip; look at the probe',
+    Phase.INSERTING: 'the needle is {depth} mm deep; look at its drive',
+    Phase.WITHDRAWING: 'the needle is {depth} mm deep; pull it out by hand',
+    Phase.RETRACTING: 'the probe has not come off; look at the arm',
+    Phase.HOMING: 'the pads are not home; look at the actuators',
+}

@@ -1,0 +1,171 @@
+"""What the operator's node does in a scenario with a procedure: messages in, orders out."""
+
+from std_srvs.srv import Trigger
+
+from arm_brachy import cell as cells
+from arm_brachy import graph
+from arm_brachy.control.procedure import Kind, NeedleSeen, ProbeSeen
+from arm_brachy.control.safety import Permission
+from arm_brachy.control.sequencer import at_home
+from arm_brachy.core.outcome import Outcome
+from arm_brachy.nodes import convert
+from arm_brachy_msgs.msg import ActuatorCommand, TaskState
+from arm_brachy_msgs.srv import SetGoal
+
+TRIGGERS = {Kind.SCAN: 'surface_scanner/scan', Kind.FOLLOW: 'probe_controller/follow',
+            Kind.HOLD: 'probe_controller/hold', Kind.RETRACT: 'probe_controller/retract'}
+MOVE = 'bring_target'       # name of the task during which the pads move the target
+HOLE_NAMES = ('hole_x', 'hole_y', 'hole_z', 'roll')
+
+
+class ProcedureConductor:
+    """Feeds a Procedure, carries out its orders one after another within the tick.
+
+    in   needle/state, probe/state, ultrasound/tip, surface/cloud, estimate/<feedback>/<target>,
+         actuators/state, cell/safety
+    out  needle/command  ActuatorCommand   names [needle]: depth; [hole_x, hole_y, hole_z, roll]:
+                                           into a hole; [roll]: turned at its base
+         procedure/state DiagnosticArray   at every new step: plan and outcome
+         cell/task       TaskState         while the pads move the target, and at the end
+    calls mpc_manipulator/set_goal, /abort, actuator_driver/home, surface_scanner/scan,
+          probe_controller/follow, /hold, /retract
+    """
+
+    def __init__(self, setup, ticker, calls, health, task_pub):
+        """ticker : Ticker;  calls : ServiceCalls;  task_pub : publishes a TaskState."""
+        scenario = setup.cell.scenario
+        self.procedure = cells.build_procedure(setup.cell)
+        self._frame, self._calls, self._health, self._task_pub = (
+            setup.frame, calls, health, task_pub)
+        self._goal = calls.client(SetGoal, 'mpc_manipulator/set_goal')
+        self._abort = calls.client(Trigger, 'mpc_manipulator/abort')
+        self._home = calls.client(Trigger, 'actuator_driver/home')
+        self._triggers = {kind: calls.client(Trigger, name) for kind, name in TRIGGERS.items()}
+        self._needle_pub = ticker.publisher(graph.NEEDLE_COMMAND)
+        self._state_pub = ticker.publisher(graph.PROCEDURE)
+        self._estimate = graph.estimate(scenario.feedback).at(
+            target=scenario.procedure.target).name
+        self._axes = [a in scenario.procedure.axes for a in 'xyz']
+        self._said, self._task = None, TaskState(name=MOVE, target=scenario.procedure.target)
+
+    def hear(self, inputs):
+        """Take what has come: topic name -> messages."""
+        p = self.procedure
+        for msg in inputs.get(graph.SAFETY.name, ()):
+            p.permit(Permission(msg.state), msg.reason)
+        for msg in inputs.get(self._estimate, ()):
+            p.hear_target(convert.nanoseconds(msg) * 1e-9, convert.xyz(msg.pose.pose.position))
+        for msg in inputs.get(graph.NEEDLE_STATE.name, ()):
+            p.hear_needle(NeedleSeen(msg.position[0]))
+        for msg in inputs.get(graph.PROBE_STATE.name, ()):
+            p.hear_probe(ProbeSeen(msg.phase, msg.in_contact, msg.out_of_plane,
+                                   Outcome[msg.outcome], msg.message))
+        for msg in inputs.get(graph.ULTRASOUND_TIP.name, ()):
+            p.hear_image(convert.nanoseconds(msg) * 1e-9, convert.xyz(msg.pose.position))
+        for _ in inputs.get(graph.SURFACE.name, ()):
+            p.hear_surface()
+        for msg in inputs.get(graph.ACTUATORS.name, ()):
+            p.hear_pads(at_home(msg.position, msg.velocity))
+
+    def step(self, t_ns):
+        """Carry out what the procedure orders; returns (future or None, finished)."""
+        p = self.procedure
+        orders = p.step(t_ns * 1e-9)
+        self._health.note(t_ns, p.outcome, p.message)
+        self._say_state(t_ns)
+        finished = any(o.kind is Kind.FINISH for o in orders)
+        orders = [o for o in orders if o.kind is not Kind.FINISH]
+        if not orders:
+            return None, finished
+        done = self._calls.begin()
+        self._next(t_ns, orders, done)
+        return done, finished
+
+    def _next(self, t_ns, orders, done):
+        """Carry out the first order and, when it is answered, the rest."""
+        if not orders:
+            done.set_result(None)
+            return
+        order, rest = orders[0], orders[1:]
+        if order.kind is Kind.SET_GOAL:
+            self._set_goal(t_ns, order.value, lambda: self._next(t_ns, rest, done))
+        elif order.kind is Kind.RELEASE:
+            self._release(t_ns, lambda: self._next(t_ns, rest, done))
+        elif order.kind in self._triggers:
+            self._call(t_ns, self._triggers[order.kind], lambda: self._next(t_ns, rest, done))
+        else:
+            self._needle_pub(self._needle_command(t_ns, order))
+            self._next(t_ns, rest, done)
+
+    def _needle_command(self, t_ns, order):
+        if order.kind is Kind.STAY:
+            return ActuatorCommand(header=convert.header(t_ns, self._frame),
+                                   mode=ActuatorCommand.MODE_HOLD, names=['needle'])
+        if order.kind is Kind.DRIVE:
+            depth, speed = order.value
+            return convert.actuator_command(t_ns, self._frame, ['needle'], [depth], [speed])
+        names = HOLE_NAMES if order.kind is Kind.PLACE else HOLE_NAMES[-1:]
+        return convert.actuator_command(t_ns, self._frame, names, order.value)
+
+    def _call(self, t_ns, client, then):
+        client.call_async(Trigger.Request()).add_done_callback(
+            lambda f: self._answered(t_ns, f.result(), then))
+
+    def _answered(self, t_ns, answer, then):
+        if not answer.success:
+            self._refused(t_ns, answer.message)
+        then()
+
+    def _refused(self, t_ns, message):
+        self._health.refuse(t_ns, Outcome.REJECTED, message)
+        self.procedure.refused(message)
+
+    def _set_goal(self, t_ns, goal, then):
+        request = SetGoal.Request(
+            header=convert.header(t_ns, self._frame), target=self._task.target, relative=False,
+            goal=convert.point(goal), axes=self._axes)
+
+        def answered(future):
+            answer = future.result()
+            self._task.start, self._task.goal = answer.start, answer.reference
+            self._task.axes = request.axes
+            self._say_task(t_ns, TaskState.ACTIVE if answer.accepted else TaskState.REFUSED,
+                           answer.message)
+            if not answer.accepted:
+                self._refused(t_ns, answer.message)
+            then()
+
+        self._goal.call_async(request).add_done_callback(answered)
+
+    def _release(self, t_ns, then):
+        """The pads go home, whether they had a goal or not."""
+        if self._task.state == TaskState.ACTIVE:
+            self._say_task(t_ns, TaskState.DONE)
+        self._abort.call_async(Trigger.Request()).add_done_callback(
+            lambda _: self._call(t_ns, self._home, then))
+
+    def say_finished(self, t_ns):
+        """The end, with what went wrong if anything did."""
+        self._say_task(t_ns, TaskState.FINISHED, self.procedure.message)
+
+    @property
+    def over(self):
+        """True once the end has been said."""
+        return self._task.state == TaskState.FINISHED
+
+    def _say_task(self, t_ns, state, message=''):
+        self._task.header, self._task.state = convert.header(t_ns, self._frame), state
+        self._task.message = message
+        self._task_pub(self._task)
+
+    def _say_state(self, t_ns):
+        p = self.procedure
+        if (p.phase, p.outcome) == self._said:
+            return
+        self._said = (p.phase, p.outcome)
+        self._state_pub(convert.diagnostics(t_ns, 'procedure', p.outcome, p.message, p.figures()))
+
+    def figures(self):
+        """For /diagnostics."""
+        return {'phase': self.procedure.phase.value}
+
