@@ -73,6 +73,14 @@ class Limits:
     pad_force: float = quantity(30.0, 'N', 'largest force on one pad', low=0.1, high=1e3,
                                 source='own choice: above what a 6 kPa phantom returns at full '
                                        'stroke, far below what bruises')
+    probe_force: float = quantity(10.0, 'N', 'largest force on the probe', low=0.1, high=1e3,
+                                  source='own choice: three times the goal of the contact force')
+    needle_force: float = quantity(8.0, 'N', 'largest force along the needle', low=0.1, high=1e3,
+                                   source='own choice: above the limit of its drive, which stops '
+                                          'first')
+    needle_age: float = quantity(0.5, 's', 'age of what is known of the needle, from which on all '
+                                 'hold', low=0.05, high=60.0,
+                                 source='control.stale_after')
     silence: float = quantity(1.0, 's', 'longest silence of a node, the supervisor too '
                                         '(wall pace)', low=0.05, high=60.0,
                               source='own choice: actuators under position control cannot run '
@@ -300,9 +308,8 @@ def _check_procedure(scenario, scene, place):
                               f'{len(getattr(scenario, other))}; must be one of them: a procedure '
                               'sets its own goals')
     if scenario.feedback == 'em':
-        raise ConfigError(f"{place('procedure')} with feedback = 'em'; must be an estimator: kf_admm, "
-                          'graph_vae, map or pod, since no needle can carry a sensor to every '
-                          'target')
+        raise ConfigError(f"{place('procedure')} with feedback = 'em'; must be an estimator: "
+                          'kf_admm, graph_vae, map or pod: where a needle goes there is no sensor')
     if not scene.pads:
         raise ConfigError(f"{place('procedure')}: scene {scene.name} has no pads; needs one at "
                           'least, to move the target')

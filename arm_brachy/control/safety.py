@@ -19,10 +19,13 @@ class Safety:
     The wait for the first signs of life is no cause: it ends by itself, in RUN if none has come.
     """
 
-    def __init__(self, force_limit, awaited=()):
-        """force_limit : on one pad [N];  awaited : names of what must be heard before RUN."""
-        self._force_limit = force_limit
-        self._silent, self._force, self._awaited = (), {}, set(awaited)
+    def __init__(self, force_limit, awaited=(), others=None):
+        """force_limit : on one pad [N];  awaited : names of what must be heard before RUN.
+
+        others : name -> force limit [N] of what is no pad
+        """
+        self._force_limit, self._others = force_limit, dict(others or {})
+        self._silent, self._force, self._awaited, self._ages = (), {}, set(awaited), {}
         self._latched, self._cause = Permission.RUN, ''
 
     @property
@@ -41,13 +44,22 @@ class Safety:
         self._awaited.discard(name)
 
     def force(self, pad, force):
-        """Note the force (3,) [N] on a pad; too much is an emergency stop, NaN a hold."""
+        """Note the force (3,) [N] on a pad or another; too much is a stop, NaN a hold."""
         size = float(np.linalg.norm(force))
         self._force[pad] = size
         if not np.isfinite(size):
             self.hold(f'{pad}: force reads {size}; must be finite')
-        elif size > self._force_limit:
-            self.stop(f'{pad}: force {size:.2f} N; allowed {self._force_limit:g} N')
+        elif size > self._limit(pad):
+            self.stop(f'{pad}: force {size:.2f} N; allowed {self._limit(pad):g} N')
+
+    def _limit(self, name):
+        return self._others.get(name, self._force_limit)
+
+    def old(self, name, age, limit):
+        """Note the age [s] of what was last heard of something; too old is a hold."""
+        self._ages[name] = age > limit
+        if age > limit:
+            self.hold(f'{name}: last heard {age:.2f} s ago; allowed {limit:g} s')
 
     def silent(self, nodes):
         """Note which nodes have gone silent (names, possibly none); any is a hold."""
@@ -69,7 +81,8 @@ class Safety:
 
     def reset(self):
         """Go back to RUN unless a cause is still there; returns (done, one line)."""
-        high = [p for p, f in self._force.items() if not f <= self._force_limit]
+        high = [p for p, f in self._force.items() if not f <= self._limit(p)]
+        high += [name for name, too_old in self._ages.items() if too_old]
         if causes := [*high, *self._silent, *sorted(self._awaited)]:
             return False, f'still in force: {", ".join(causes)}'
         self._latched, self._cause = Permission.RUN, ''

@@ -2,6 +2,7 @@
 
 import time
 
+import numpy as np
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -21,6 +22,8 @@ class SupervisorNode(Node):
     At wall pace it holds until it has heard every peer, and each wrench of a force sensor.
 
     in   force/<pad>/wrench  WrenchStamped  against the force limit
+         needle/state  JointState  force along the needle, and how old it is
+         probe/state   ProbeState  the contact forces of the tick
          cell/done/<node>    TickDone       sign of life of every peer (wall pace)
     out  cell/safety         SafetyState    every tick
     srv  ~/emergency_stop, ~/hold, ~/reset  Trigger
@@ -36,7 +39,9 @@ class SupervisorNode(Node):
         # in lockstep the clock waits for whoever is silent, so nothing moves meanwhile
         watched = () if setup.lockstep else self._watched(setup.peers)
         wrenches = self._pads if graph.FORCE_SENSOR.name in watched else ()
-        self._safety = Safety(limits.pad_force, [*watched, *wrenches])
+        self._safety = Safety(limits.pad_force, [*watched, *wrenches],
+                              {'probe': limits.probe_force, 'needle': limits.needle_force})
+        self._needle_age, self._needle_ns = limits.needle_age, None
         self._heard, self._now_ns = {}, 0
         ticker = Ticker(self, graph.SUPERVISOR, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
@@ -66,12 +71,25 @@ class SupervisorNode(Node):
             for msg in inputs.get(name, ()):
                 self._safety.heard(name)
                 self._safety.force(pad, convert.xyz(msg.wrench.force))
+        self._watch_needle(t_ns, inputs.get(graph.NEEDLE_STATE.name, ()))
+        for msg in inputs.get(graph.PROBE_STATE.name, ()):
+            if len(msg.force):
+                self._safety.force('probe', [np.abs(msg.force).max()])
         now = time.monotonic()
         self._safety.silent(sorted(n for n, t in self._heard.items() if now - t > self._silence))
         self._publish()
         outcome = Outcome.OK if self._safety.permission is Permission.RUN else Outcome.HELD
         self._health.note(t_ns, outcome, self._safety.reason)
         self._health.beat(t_ns, lambda: {'permission': self._safety.permission.name})
+
+    def _watch_needle(self, t_ns, states):
+        """Its force, and how old it is: the probe follows what is known of the needle."""
+        for msg in states:
+            self._needle_ns = convert.nanoseconds(msg)
+            if len(msg.effort):
+                self._safety.force('needle', [msg.effort[0]])
+        if self._needle_ns is not None:
+            self._safety.old('needle', (t_ns - self._needle_ns) * 1e-9, self._needle_age)
 
     def _publish(self):
         self._pub(SafetyState(header=convert.header(self._now_ns, self._frame),

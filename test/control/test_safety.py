@@ -90,3 +90,26 @@ def test_a_cause_that_comes_during_the_wait_outlasts_it():
 
 def test_numbers_are_those_of_the_message():
     assert [int(p) for p in (Permission.RUN, Permission.HOLD, Permission.STOP)] == [0, 1, 2]
+
+
+def test_probe_and_needle_have_limits_of_their_own():
+    safety = Safety(30.0, others={'probe': 10.0})
+    safety.force('probe', [9.0])
+    assert safety.permission is Permission.RUN
+    safety.force('probe', [-11.0])
+    assert safety.permission is Permission.STOP and 'probe: force 11.00 N' in safety.reason
+    assert not safety.reset()[0]
+    safety.force('probe', [1.0])
+    assert safety.reset()[0]
+
+
+def test_old_data_of_the_needle_are_a_hold_until_they_are_new():
+    safety = Safety(30.0)
+    safety.old('needle', 0.4, 0.5)
+    assert safety.permission is Permission.RUN
+    safety.old('needle', 0.6, 0.5)
+    assert safety.permission is Permission.HOLD
+    assert 'needle: last heard 0.60 s ago' in safety.reason
+    assert safety.reset() == (False, 'still in force: needle')
+    safety.old('needle', 0.0, 0.5)
+    assert safety.reset()[0]
