@@ -8,6 +8,7 @@ import numpy as np
 
 from arm_brachy import cell as cells
 from arm_brachy import graph
+from arm_brachy import offline_procedure as procedure
 from arm_brachy.control.move_events import Event, Status
 from arm_brachy.core.errors import CommandRefused, ConfigError, RecordingError
 from arm_brachy.core.outcome import Outcome
@@ -42,6 +43,7 @@ class _Tally:
         self.topology = None
         self.pads = self.points = self.actuators = ()
         self.ids = ()
+        self.steps, self.periods, self.frames, self.shafts = [], [], [], {}
 
     def add(self, name, t, value):
         """Append one sample of a named signal."""
@@ -168,7 +170,7 @@ HANDLERS = (
     (graph.TRUTH_PADS, _on_truth_pads), (graph.TRUTH_POINTS, _on_points),
     (graph.MODEL_POINTS, _on_points), (graph.TRUTH_TOPOLOGY, _on_topology),
     (graph.TRUTH_POSITIONS, _on_positions), (graph.TASK, _on_task),
-    (graph.OUTCOME, _on_outcome))
+    (graph.OUTCOME, _on_outcome), *procedure.HANDLERS)
 MEASURED = (graph.ACTUATORS, graph.COMMAND, graph.EM_POSE, graph.EM_STATUS, graph.OPTICAL,
             graph.WRENCH)
 
@@ -192,7 +194,10 @@ def _tally(bag, topics=None):
     for name, when in last_done.items():
         for _, msg in bag.messages([name], start_ns=when):
             _on_done(tally, name, when, msg)
-    rest = sorted(names - done)
+    unread = {n for n in names if any(topic.matches(n.lstrip('/')) for topic in procedure.UNREAD)}
+    for record in bag.records(sorted(unread)) if unread else ():
+        tally.stamps[record.topic].append(record.log_time_ns * 1e-9)
+    rest = sorted(names - done - unread)
     for record, msg in bag.messages(rest) if rest else ():
         t = (stamp_ns(msg) if hasattr(msg, 'header') else record.log_time_ns) * 1e-9
         tally.stamps[record.topic].append(t)
@@ -238,7 +243,9 @@ def load_run(bag, *, measured=False):
         pad_displacement=tally.get('pads'), encoder_pads=tally.actuators, force=force,
         force_pads=force_pads, optical=_optical(tally),
         tissue=_tissue(tally), topics=_topics(tally, kinds), outcomes=_outcomes(tally),
-        departures=tuple(tally.departures))
+        departures=tuple(tally.departures),
+        procedure=procedure.procedure_of(tally.get, tally.steps, tally.periods, tally.frames,
+                               tally.shafts))
 
 
 def _windows(tally):
@@ -378,7 +385,9 @@ def with_cell(run, cell):
     """
     scenario, mode = cell.scenario, f'{cell.scenario.control.loop}_loop'
     return replace(with_scene(run, cell.scene), feedback=scenario.feedback,
-                   tasks_planned=len(scenario.tasks) or None,
+                   tasks_planned=len(scenario.tasks) or (
+                       None if scenario.procedure is None else 1),
+                   procedure=procedure.with_instruments(run.procedure, cell),
                    moves_planned=len(scenario.moves) or None,
                    tasks=tuple(replace(window, mode=mode) for window in run.tasks))
 

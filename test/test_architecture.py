@@ -19,7 +19,7 @@ NUMERICAL = {
 }
 # Of these, each may import all numerical parts and whatever stands before it.
 COMPOSITION = (
-    'scenario', 'provenance', 'graph', 'cell', 'offline', 'inprocess_log', 'inprocess',
+    'scenario', 'provenance', 'graph', 'cell', 'offline_procedure', 'offline', 'inprocess_log', 'inprocess',
     'diagnosis', 'evaluate', 'launcher', 'experiments', 'prove', 'cli', '__main__',
 )
 ALLOWED = {

@@ -8,6 +8,12 @@ from arm_brachy.core.errors import InputError
 from arm_brachy.evaluation import deformation, metrics
 from arm_brachy.evaluation.estimates import estimate_metrics, estimate_rows
 from arm_brachy.evaluation.moves import move_metrics, move_rows
+from arm_brachy.evaluation.procedure_metrics import (
+    ProcedureMetrics,
+    assess_procedure,
+    procedure_row,
+    procedure_targets,
+)
 from arm_brachy.evaluation.result import Result, Target
 
 MM = 1e3
@@ -72,6 +78,7 @@ class RunMetrics:
     deformation : deformation.Deformation at the snapshot deformed most, or None
     deformed_at : index of that snapshot;  real_time_factor : simulated s per s; NaN if unknown
     targets : result.Target, the goals and whether they were met
+    procedure : procedure_metrics.ProcedureMetrics of a run with one
     """
 
     tasks: tuple
@@ -83,6 +90,7 @@ class RunMetrics:
     goals: Goals
     targets: tuple
     estimates: tuple = ()
+    procedure: ProcedureMetrics | None = None
 
     @property
     def lost(self):
@@ -103,11 +111,14 @@ def assess(run, goals=None):
     if run.tissue is not None and len(run.tissue.t):
         index, shape = deformation.largest_deformation(run.tissue)
     first, last = run.span()
+    probe = None if run.procedure is None else assess_procedure(
+        run.procedure, run.truth.get(run.procedure.target))
     return RunMetrics(tasks, moves, streams, shape, index,
                       metrics.real_time_factor(last - first, run.wall_time), goals,
                       (*_done('tasks done', len(tasks), run.tasks_planned),
                        *_done('moves made', sum(move.made for move in moves), run.moves_planned),
-                       *_targets(tasks, streams, goals)), estimate_metrics(run))
+                       *(() if probe is None else procedure_targets(probe)),
+                       *_targets(tasks, streams, goals)), estimate_metrics(run), probe)
 
 
 def task_rows(tasks):
@@ -125,7 +136,9 @@ def stream_rows(streams):
 def to_result(run, numbers):
     """The run's tasks or moves, and goals, in the common JSON form."""
     return Result(run.name, run.seed, run.commit, run.machine,
-                  (*task_rows(numbers.tasks), *move_rows(numbers.moves)), numbers.targets)
+                  (*task_rows(numbers.tasks), *move_rows(numbers.moves),
+                   *(() if numbers.procedure is None else (procedure_row(numbers.procedure),))),
+                  numbers.targets)
 
 
 def estimates_to_result(run, numbers):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from arm_brachy.evaluation import body_view, estimate_figures, figures
+from arm_brachy.evaluation import body_view, estimate_figures, figures, procedure_figures
 from arm_brachy.evaluation.page import (
     Cell,
     Column,
@@ -14,6 +14,7 @@ from arm_brachy.evaluation.page import (
     provenance,
     write_page,
 )
+from arm_brachy.evaluation.procedure_metrics import procedure_row
 from arm_brachy.evaluation.result import cell_text
 
 MM = 1e3
@@ -28,6 +29,9 @@ TASK_COLUMNS = (
 MOVE_COLUMNS = (
     Column('Move', numeric=False), Column('Duration', 's'), Column('Deepest push', 'mm'),
     Column('Pad travel', 'mm'), Column('Peak force', 'N'), Column('Made', numeric=False))
+
+PROCEDURE_COLUMNS = (Column('Procedure', numeric=False), Column('Value'))
+PROCEDURE_UNITS = {'percent': '%', 'mm': 'mm', 's': 's', 'N': 'N', 'Nm': 'N m', 'rad': 'rad'}
 
 ESTIMATE_COLUMNS = (
     Column('Estimator', numeric=False), Column('Target', numeric=False), Column('Estimates'),
@@ -54,7 +58,8 @@ def write_report(run, numbers, out_html):
     return write_page(
         'report.html.j2', out_html, title=f'{run.name}: report', kind='arm_brachy run report',
         heading=run.name, verdict=_verdict(run, numbers), facts=_facts(numbers),
-        tasks=_task_grid(numbers), moves=_move_grid(run, numbers),
+        procedure=_procedure_grid(numbers), tasks=_task_grid(numbers),
+        moves=_move_grid(run, numbers),
         estimates=_estimate_grid(run, numbers), plates=pictures(plates(run, numbers)),
         goals=_goal_grid(numbers.targets), topics=_topic_grid(run, numbers),
         outcomes=_outcome_grid(run.outcomes), provenance=provenance(run), command=run.command,
@@ -63,7 +68,7 @@ def write_report(run, numbers, out_html):
 
 def plates(run, numbers):
     """The figures of the report that the data allow, as style.Plate in order."""
-    drawn = []
+    drawn = [] if run.procedure is None else procedure_figures.plates(run)
     for first in range(0, len(run.tasks), figures.COLUMNS):
         chunk = run.tasks[first:first + figures.COLUMNS]
         drawn.append(figures.time_response(run, chunk, numbers.goals.steady_state_error))
@@ -119,6 +124,12 @@ def _unit(goal):
 
 def _what_ran(run):
     first, last = run.span()
+    if run.procedure is not None:
+        p = run.procedure
+        hole = p.plan.get('hole', '').replace(' ', ', ')
+        where = f' through hole {hole}' if hole else ''
+        return (f'Procedure on {p.target}{where}: {p.strategy} strategy, {p.control} control, '
+                f'{"with" if p.overlay else "without"} overlay; {last - first:.1f} s recorded.')
     modes = sorted({task.mode.replace('_', ' ') for task in run.tasks})
     targets = sorted({task.target for task in run.tasks})
     lasted = f'{last - first:.1f} s recorded' if np.isfinite(last - first) else 'nothing recorded'
@@ -135,6 +146,12 @@ def _what_ran(run):
 
 def _facts(numbers):
     facts = []
+    if numbers.procedure is not None:
+        of = numbers.procedure
+        facts += [Fact('Insertion with the tip in the image plane', number(100 * of.in_plane, 1),
+                       '% (within 0.5 mm)'),
+                  Fact('Tip to target at the dwell', number(of.miss * MM, 2), 'mm'),
+                  Fact('Contact force, rms error', number(of.force_rms, 3), 'N')]
     if numbers.tasks:
         errors = [task.steady_state_error for task in numbers.tasks]
         source = ', '.join(sorted({task.response_from for task in numbers.tasks}))
@@ -174,6 +191,30 @@ def _task_grid(numbers):
             f'rise and settling from {_source(numbers.tasks)}. Pad travel: summed over the '
             f'pads. A dash: cannot be said.')
     return Grid(TASK_COLUMNS, tuple(_task_cells(task, limit) for task in numbers.tasks), note)
+
+
+def _procedure_grid(numbers):
+    if numbers.procedure is None:
+        return Grid()
+    rows = []
+    for key, value in procedure_row(numbers.procedure).items():
+        name, unit = _named(key)
+        text = value if isinstance(value, str) else number(value, 3)
+        rows.append((Cell(name), Cell(f'{text} {unit}'.strip())))
+    return Grid(PROCEDURE_COLUMNS, tuple(rows), (
+        'Of the true tip, over the insertion: distance from the image plane; tip found in the '
+        'image less the true one; distance from the axis of the hole and from the plan, at the '
+        'end. Tip to target, and target to its goal: means over the dwell. Force: of every period '
+        'of the controller, less its goal, once it has come within 0.3 N of it. Torque: mean norm '
+        'over the seven joints.'))
+
+
+def _named(key):
+    """('tip to target', 'mm') of tip_to_target_mm."""
+    for unit, shown in PROCEDURE_UNITS.items():
+        if key.endswith(f'_{unit}'):
+            return key.removesuffix(f'_{unit}').replace('_', ' '), shown
+    return key.replace('_', ' '), ''
 
 
 def _move_grid(run, numbers):

@@ -201,6 +201,7 @@ class RunData:
     departures : (t [s], sentence) each time that the mismatch monitor found one
     wall_time : [s] on the clock on the wall between the first and the last message; None = unknown
     recorded_at : date and time as text
+    procedure : evaluation.procedure_data.ProcedureData of a run with needle and probe, else None
     left_out : topics of channels of the bag that hold no ROS 2 messages
     """
 
@@ -235,6 +236,7 @@ class RunData:
     outcomes: tuple = ()
     departures: tuple = ()
     wall_time: float | None = None
+    procedure: object = None
 
     @property
     def reference(self):

@@ -1,0 +1,234 @@
+"""How well a probe followed a needle, and how well the needle met its target.
+
+All distances are of the true tip, all over the step INSERTING unless they say otherwise:
+    out of plane     y_P . (p_tip - p_P), distance of the tip from the image plane
+    localisation     tip found in the image, placed by the arm's encoders, less the true tip
+    off axis         distance of the tip from the axis of its hole
+    miss             distance of tip and target, mean over DWELLING; across and along the needle
+    force            of every period of the controller, less its goal, from the moment it has
+                     first come within `settled` of it
+Effort of the arm: mean over time of the joint torques' norm, and the path that joints went.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from arm_brachy.evaluation.procedure_data import vector
+from arm_brachy.evaluation.result import Target
+from arm_brachy.evaluation.timeseries import Series
+
+MM = 1e3
+IN_PLANE = 0.5e-3    # m: goal for the distance of the tip from the image plane
+IN_PLANE_SHARE = 0.95
+FORCE_RMS = 0.1      # N
+STEADY = 0.01        # N
+LOCALISED = 0.5e-3   # m, rms
+FOUND = 0.95         # share of frames
+SETTLED = 0.3        # N: the force has come within it of its goal
+STEADY_WINDOW = 1.0  # s at the end of the dwell
+FRAME_RATE = 20.0    # Hz, of the imager
+
+
+@dataclass(frozen=True)
+class ProcedureMetrics:
+    """Numbers of a procedure, SI; NaN where they cannot be said.
+
+    outcome : name;  duration : [s];  in_plane : share of the insertion within IN_PLANE
+    found : share of the frames of the insertion in which the tip was found
+    """
+
+    outcome: str
+    duration: float
+    insertion: float
+    in_plane: float
+    plane_rms: float
+    plane_largest: float
+    localisation_rms: float
+    found: float
+    off_axis_largest: float
+    off_axis_end: float
+    off_plan_end: float
+    miss: float
+    miss_across: float
+    miss_along: float
+    miss_pads: float
+    force_rms: float
+    force_steady: float
+    force_peak: float
+    torque: float
+    joint_travel: float
+    needle_peak: float
+
+
+def out_of_plane(tip, probe):
+    """Series (n,) [m] of the true tip from the true image plane, at the tip's times.
+
+    tip : Series (n, 3);  probe : Series (m, 12)
+    """
+    pose = sampled(probe, tip.t)
+    return Series(tip.t, np.einsum('ni,ni->n', pose[:, 1:9:3], tip.values - pose[:, 9:]))
+
+
+def sampled(series, t):
+    """Values (n, ...) of the last sample at or before each time."""
+    index = np.clip(np.searchsorted(series.t, t + 1e-9, side='right') - 1, 0, len(series.t) - 1)
+    return series.values[index]
+
+
+def assess_procedure(data, target):
+    """Return ProcedureMetrics.
+
+    data : ProcedureData;  target : Series (n, 3) of the true target, or None
+    """
+    values = {f.name: np.nan for f in fields(ProcedureMetrics)}
+    values['outcome'] = data.outcome
+    if data.steps:
+        values['duration'] = data.steps[-1][0] - data.steps[0][0]
+    inserting, dwelling = data.when('inserting'), data.when('dwelling')
+    if inserting is not None:
+        values['insertion'] = min(inserting[1], data.steps[-1][0]) - inserting[0]
+        values |= _plane(data, inserting) | _image(data, inserting) | _path(data, inserting)
+        values |= _force(data, inserting, dwelling) | _effort(data, inserting)
+    if dwelling is not None and target is not None:
+        values |= _miss(data, target, dwelling)
+    return ProcedureMetrics(**values)
+
+
+def _plane(data, window):
+    if data.tip is None or data.probe is None:
+        return {}
+    off = np.abs(out_of_plane(data.tip.between(*window), data.probe).values)
+    if not len(off):
+        return {}
+    return {'in_plane': float(np.mean(off <= IN_PLANE)), 'plane_largest': float(off.max()),
+            'plane_rms': _rms(off)}
+
+
+def _image(data, window):
+    if data.tip_image is None or data.tip is None:
+        return {'found': 0.0} if data.frames else {}
+    seen = data.tip_image.between(*window)
+    if not len(seen.t):
+        return {'found': 0.0}
+    off = np.linalg.norm(seen.values - _interpolated(data.tip, seen.t), axis=1)
+    last = min(window[1], data.tip.t[-1])
+    return {'localisation_rms': _rms(off),
+            'found': min(1.0, len(seen.t) / max(1.0, (last - window[0]) * FRAME_RATE))}
+
+
+def _path(data, window):
+    plan = data.plan
+    if data.tip is None or not plan:
+        return {}
+    hole, end = vector(plan['hole_m']), vector(plan['tip_m'])
+    tips = data.tip.between(*window)
+    if not len(tips.t):
+        return {}
+    axis = hole_axis(data)
+    off = np.linalg.norm(_across(tips.values - hole, axis), axis=1)
+    return {'off_axis_largest': float(off.max()), 'off_axis_end': float(off[-1]),
+            'off_plan_end': float(np.linalg.norm(_across(tips.values[-1] - end, axis)))}
+
+
+def hole_axis(data):
+    """(3,) axis of the hole: the needle's direction while it had not bent yet."""
+    axis = data.axis.values[0]
+    return axis / np.linalg.norm(axis)
+
+
+def _across(vectors, axis):
+    return vectors - np.multiply.outer(vectors @ axis, axis)
+
+
+def _miss(data, target, window):
+    if data.tip is None:
+        return {}
+    tips = data.tip.between(*window)
+    if not len(tips.t):
+        return {}
+    off = tips.values - _interpolated(target, tips.t)
+    along = off @ hole_axis(data)
+    goal = vector(data.plan['goal_m'])
+    away = _interpolated(target, tips.t) - goal
+    return {'miss': float(np.mean(np.linalg.norm(off, axis=1))),
+            'miss_along': float(np.mean(np.abs(along))),
+            'miss_across': float(np.mean(np.linalg.norm(_across(off, hole_axis(data)), axis=1))),
+            'miss_pads': float(np.mean(np.linalg.norm(away, axis=1)))}
+
+
+def _force(data, inserting, dwelling):
+    if data.force is None or data.state is None:
+        return {}
+    last = inserting[1] if dwelling is None else dwelling[1]
+    force = data.force.between(inserting[0], last)
+    if not len(force.t):
+        return {}
+    error = force.values - sampled(data.state, force.t)[:, 2]
+    there = np.flatnonzero(np.abs(error) <= SETTLED)
+    if not len(there):
+        return {'force_peak': float(np.abs(error).max())}
+    error, t = error[there[0]:], force.t[there[0]:]
+    out = {'force_rms': _rms(error), 'force_peak': float(np.abs(error).max())}
+    if dwelling is not None:
+        calm = t >= min(dwelling[1], t[-1]) - STEADY_WINDOW
+        out['force_steady'] = float(abs(error[calm].mean()))
+    return out
+
+
+def _effort(data, window):
+    out = {}
+    if data.torque is not None:
+        norms = np.linalg.norm(data.torque.between(*window).values, axis=1)
+        out['torque'] = float(norms.mean()) if len(norms) else np.nan
+    if data.joints is not None:
+        q = data.joints.between(*window).values
+        out['joint_travel'] = float(np.abs(np.diff(q, axis=0)).sum())
+    if data.needle is not None:
+        force = data.needle.between(*window).values[:, 2]
+        out['needle_peak'] = float(np.abs(force).max()) if len(force) else np.nan
+    return out
+
+
+def _interpolated(series, t):
+    return np.column_stack([np.interp(t, series.t, column) for column in series.values.T])
+
+
+def _rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def procedure_targets(numbers):
+    """The goals of a procedure as result.Target."""
+    def goal(name, value, unit, text, met):
+        known = value is not None and np.isfinite(value)
+        return Target(name, value, unit, text, bool(met(value)) if known else None)
+
+    return (
+        Target('procedure', numbers.outcome, '1', '= OK', numbers.outcome == 'OK'),
+        goal('insertion with the tip within 0.5 mm of the image plane', 100 * numbers.in_plane,
+             '%', '>= 95', lambda v: v >= 100 * IN_PLANE_SHARE),
+        goal('tip found in the image: frames', 100 * numbers.found, '%', '>= 95',
+             lambda v: v >= 100 * FOUND),
+        goal('tip found in the image: rms error', numbers.localisation_rms * MM, 'mm', '<= 0.5',
+             lambda v: v <= LOCALISED * MM),
+        goal('contact force: rms error', numbers.force_rms, 'N', '<= 0.1',
+             lambda v: v <= FORCE_RMS),
+        goal('contact force: mean error at the end of the dwell', numbers.force_steady, 'N',
+             '<= 0.01', lambda v: v <= STEADY))
+
+
+def procedure_row(numbers):
+    """One flat dict, units in the keys."""
+    n = numbers
+    return {
+        'outcome': n.outcome, 'duration_s': n.duration, 'insertion_s': n.insertion,
+        'tip_in_plane_percent': 100 * n.in_plane, 'out_of_plane_rms_mm': n.plane_rms * MM,
+        'out_of_plane_largest_mm': n.plane_largest * MM,
+        'localisation_rms_mm': n.localisation_rms * MM, 'frames_found_percent': 100 * n.found,
+        'off_axis_end_mm': n.off_axis_end * MM, 'off_plan_end_mm': n.off_plan_end * MM,
+        'tip_to_target_mm': n.miss * MM, 'tip_to_target_across_mm': n.miss_across * MM,
+        'tip_to_target_along_mm': n.miss_along * MM, 'target_to_goal_mm': n.miss_pads * MM,
+        'force_rms_N': n.force_rms, 'force_steady_N': n.force_steady,
+        'force_peak_error_N': n.force_peak, 'torque_mean_Nm': n.torque,
+        'joint_travel_rad': n.joint_travel, 'needle_force_peak_N': n.needle_peak}

@@ -1,0 +1,82 @@
+"""Numbers of a procedure, against motions whose numbers are known by construction."""
+
+import numpy as np
+import pytest
+
+from arm_brachy.evaluation.procedure_data import ProcedureData
+from arm_brachy.evaluation.procedure_metrics import (
+    assess_procedure,
+    out_of_plane,
+    procedure_row,
+    procedure_targets,
+)
+from arm_brachy.evaluation.timeseries import Series
+
+T = np.arange(0.0, 20.0, 0.05)
+PLAN = {'hole_m': '0 0 0', 'tip_m': '0 0.02 0', 'goal_m': '0 0.02 0.001'}
+STEPS = ((0.0, {'phase': 'settling', 'outcome': 'OK'}),
+         (5.0, {'phase': 'inserting', 'outcome': 'OK', **PLAN}),
+         (10.0, {'phase': 'dwelling', 'outcome': 'OK', **PLAN}),
+         (15.0, {'phase': 'withdrawing', 'outcome': 'OK', **PLAN}),
+         (20.0, {'phase': 'finished', 'outcome': 'OK', **PLAN}))
+
+
+def still(*value):
+    return Series(T, np.tile(value, (len(T), 1)).astype(float))
+
+
+def run(lag=0.0, force_error=0.0, seen_off=0.0, drop=0):
+    """Needle along y to 20 mm in 5 s; the probe's plane is `lag` [m] behind; target 1 mm above."""
+    y = 0.004 * np.clip(T - 5.0, 0.0, 5.0)
+    tip = Series(T, np.column_stack([0 * T, y, 0 * T]))
+    turned = np.tile(np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, -1]]).ravel(), (len(T), 1))
+    probe = Series(T, np.column_stack([turned, 0 * T, y - lag, 0 * T + 0.03]))
+    fine = np.arange(0.0, 20.0, 0.001)
+    force = Series(fine, 3.0 + force_error * np.sqrt(2.0) * np.sin(2 * np.pi * 7 * fine))
+    seen = Series(T, tip.values + [seen_off, 0.0, 0.0])
+    if drop:
+        seen = Series(T[::drop], seen.values[::drop])
+    return ProcedureData(
+        steps=STEPS, tip=tip, axis=still(0, 1, 0), tip_image=seen, probe=probe,
+        state=still(2, 1, 3.0, 0.0), force=force, joints=still(*range(7)),
+        torque=still(3, 4, 0, 0, 0, 0, 0), needle=still(0, 0, 1.5), target='t')
+
+
+def test_a_probe_that_lags_is_out_of_plane_by_its_lag():
+    data = run(lag=0.4e-3)
+    assert out_of_plane(data.tip, data.probe).values == pytest.approx(0.4e-3)
+    numbers = assess_procedure(data, still(0, 0.02, 0.001))
+    assert numbers.in_plane == 1.0 and numbers.plane_rms == pytest.approx(0.4e-3)
+    assert assess_procedure(run(lag=0.6e-3), None).in_plane == 0.0
+
+
+def test_miss_is_split_along_and_across_the_needle():
+    numbers = assess_procedure(run(), still(0.0, 0.022, 0.001))
+    assert numbers.miss_along == pytest.approx(2e-3) and numbers.miss_across == pytest.approx(1e-3)
+    assert numbers.miss == pytest.approx(np.hypot(1e-3, 2e-3))
+    assert numbers.miss_pads == pytest.approx(2e-3)
+
+
+def test_force_effort_and_localisation():
+    numbers = assess_procedure(run(force_error=0.05, seen_off=0.3e-3, drop=2), None)
+    assert numbers.force_rms == pytest.approx(0.05, rel=1e-3)
+    assert numbers.force_peak == pytest.approx(0.05 * np.sqrt(2.0), rel=1e-3)
+    assert numbers.force_steady < 1e-3
+    assert numbers.torque == pytest.approx(5.0) and numbers.joint_travel == 0.0
+    assert numbers.localisation_rms == pytest.approx(0.3e-3)
+    assert numbers.found == pytest.approx(0.5, abs=0.02) and numbers.needle_peak == 1.5
+
+
+def test_goals_are_met_or_missed_or_cannot_be_judged():
+    met = [g.met for g in procedure_targets(assess_procedure(run(), None))]
+    assert met == [True] * 6
+    bad = assess_procedure(run(lag=1e-3, force_error=0.2, seen_off=1e-3, drop=4), None)
+    assert [g.met for g in procedure_targets(bad)][:5] == [True, False, False, False, False]
+    nothing = procedure_targets(assess_procedure(ProcedureData(steps=STEPS[:1]), None))
+    assert {g.met for g in nothing[1:]} == {None}
+
+
+def test_the_row_has_every_number_with_its_unit():
+    row = procedure_row(assess_procedure(run(), still(0, 0.02, 0.001)))
+    assert row['tip_in_plane_percent'] == 100.0
+    assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 20
