@@ -11,6 +11,8 @@ import numpy as np
 
 from arm_brachy import registry
 from arm_brachy.control.manipulator import Manipulator
+from arm_brachy.control.needle_plan import NeedleCourse
+from arm_brachy.control.procedure import Procedure
 from arm_brachy.control.pursuit import Pursuit
 from arm_brachy.control.push_protocol import PushProtocol
 from arm_brachy.control.sequencer import Sequencer
@@ -23,9 +25,11 @@ from arm_brachy.devices.actuator import SimulatedBank
 from arm_brachy.devices.actuator_driver import load_driver
 from arm_brachy.devices.em_tracker import EmTracker
 from arm_brachy.devices.force_sensor import ForceSensor
+from arm_brachy.devices.needle_driver import NeedleDriver, nominal_offset
 from arm_brachy.devices.optical_tracker import OpticalTracker
 from arm_brachy.estimation.live import LiveEstimator
 from arm_brachy.estimation.marker_motion import MarkerMotion
+from arm_brachy.robot.template import Template
 from arm_brachy.tissue.build import build_body, load_scene_mesh, placement_mesh
 from arm_brachy.tissue.contact_poses import ridden
 from arm_brachy.tissue.mesh import boundary_faces, embed, interpolate, rotations
@@ -275,6 +279,33 @@ def build_sequencer(cell):
     scenario = cell.scenario
     held = 0.0 if scenario.tasks or scenario.release is None else scenario.release
     return Sequencer(scenario.tasks, scenario.settle + held)
+
+
+def build_template(cell):
+    """The guide template in its place."""
+    return Template.placed(cell.scenario.template)
+
+
+def build_needle(cell):
+    """The needle in its template, at depth zero."""
+    template = build_template(cell)
+    return NeedleDriver(cell.scenario.needle, _holes(template), template.axis, template.R[:, 0],
+                        stream(cell.scenario.seed, 'needle'))
+
+
+def _holes(template):
+    return np.array([[template.hole(i, j) for j in range(template.params.rows)]
+                     for i in range(template.params.columns)])
+
+
+def build_procedure(cell):
+    """The scenario's procedure, with the arc that needles of this kind nominally take."""
+    template, params = build_template(cell), cell.scenario.needle
+    side = template.R[:, 0]
+    needle = NeedleCourse(template.axis, side, params.needle.length,
+                          nominal_offset(params, template.axis, side))
+    return Procedure(cell.scenario.procedure, _holes(template), needle,
+                     cell.scenario.settle)
 
 
 def _terms(cell, *stages):

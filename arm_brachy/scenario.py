@@ -25,6 +25,7 @@ from arm_brachy.core.scene import TISSUE, MeshFile, Scene, load_scene
 from arm_brachy.devices.actuator_driver import ActuatorParams
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
+from arm_brachy.devices.needle_driver import NeedleDriverParams
 from arm_brachy.devices.optical_tracker import OpticalParams
 from arm_brachy.estimation.graph_vae.params import GraphVaeParams
 from arm_brachy.estimation.kf_admm import KfAdmmParams
@@ -132,6 +133,7 @@ class Scenario:
     tasks: tuple[Task, ...] = ()
     moves: tuple[Move, ...] = ()
     template: TemplateParams = field(default_factory=TemplateParams)
+    needle: NeedleDriverParams = field(default_factory=NeedleDriverParams)
     procedure: ProcedureParams | None = None
 
 

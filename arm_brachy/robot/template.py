@@ -24,6 +24,13 @@ class TemplateParams:
     rows: int = 13
     pitch: float = quantity(5.0, 'mm', 'between holes', low=1.0, high=20.0,
                             source='usual template of prostate and breast brachytherapy')
+    origin: tuple = quantity((-49.5, -49.5, 27.0), 'mm', 'of the middle hole, where needles leave '
+                             'it, in W', shape=(3,), source='own choice: 12 mm off the skin of '
+                                                            'breast.yaml, between two pads')
+    axis: tuple = quantity((1.0, 1.0, 0.0), '', 'along the needles, in W; any length', shape=(3,),
+                           source='own choice: between the pads of breast.yaml')
+    up: tuple = quantity((0.0, 0.0, 1.0), '', 'of the template, in W: the rows go up it',
+                         shape=(3,), source='own choice: away from the chest wall')
 
 
 @dataclass(frozen=True)
@@ -71,6 +78,17 @@ class Template:
     def __init__(self, params, R, p):
         """Set it up; see the class."""
         self.params, self.R, self.p = params, np.array(R, float), np.array(p, float)
+
+    @classmethod
+    def placed(cls, params):
+        """The template where its params have it. Raises InputError if `up` is along `axis`."""
+        z, up = np.array(params.axis, float), np.array(params.up, float)
+        x = np.cross(up, z)
+        if np.linalg.norm(x) < _GRAZING * np.linalg.norm(z) * np.linalg.norm(up) or not z.any():
+            raise InputError(f'template: axis = {list(params.axis)} and up = {list(params.up)}; '
+                             'must be two directions that differ')
+        x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
+        return cls(params, np.column_stack([x, np.cross(z, x), z]), params.origin)
 
     @property
     def axis(self):

@@ -65,3 +65,16 @@ def test_what_cannot_be_shown_is_refused():
         TEMPLATE.in_image(along, FACE, IMAGE)
     with pytest.raises(InputError, match='column = 13; must be 0 to 12'):
         TEMPLATE.hole(13, 0)
+
+
+def test_placed_stands_where_its_params_say_rows_going_up():
+    template = Template.placed(TemplateParams())
+    assert template.axis == pytest.approx(np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0))
+    assert template.hole(6, 6) == pytest.approx([-0.0495, -0.0495, 0.027])
+    assert template.hole(6, 7) - template.hole(6, 6) == pytest.approx([0.0, 0.0, 0.005])
+    assert np.linalg.det(template.R) == pytest.approx(1.0)
+
+
+def test_a_template_whose_up_is_along_its_needles_is_refused():
+    with pytest.raises(InputError, match='must be two directions that differ'):
+        Template.placed(TemplateParams(axis=(0.0, 0.0, 2.0)))
