@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from arm_brachy.core.quantity import quantity
+from arm_brachy.core.quantity import quantity, word
 from arm_brachy.devices.motion_profile import Motion
 
 _PEAK = 15.0 / 8.0           # peak over mean speed of a minimum-jerk motion
@@ -25,12 +25,9 @@ _LAST = 0.25                 # of a stroke: what would be left shorter is added 
 
 @dataclass(frozen=True)
 class InsertionProfile:
-    """How a needle is driven.
+    """How a needle is driven."""
 
-    by : 'motor' or 'hand'
-    """
-
-    by: Literal['motor', 'hand'] = 'motor'
+    by: Literal['motor', 'hand'] = word('who drives it', default='motor')
     speed: float = quantity(10.0, 'mm_s', 'by a motor the largest speed, by hand the mean of the '
                             "strokes' maxima; a command may give another", low=0.1, high=200.0,
                             source='robotic insertion: 5 to 20 mm/s; clinical hands: 123 mm/s, '

@@ -17,7 +17,7 @@ import numpy as np
 
 from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
-from arm_brachy.core.quantity import quantity
+from arm_brachy.core.quantity import quantity, word
 from arm_brachy.devices.insertion import HandMotion, InsertionProfile
 from arm_brachy.devices.motion_profile import Motion, Profile, stopping_point
 from arm_brachy.devices.needle import NeedleParams, NeedlePath
@@ -30,18 +30,15 @@ _ROUNDING = 1e-9     # m, over a limit that is no command but a conversion of un
 
 @dataclass(frozen=True)
 class NeedleDriverParams:
-    """Needle, hole, drive and what measures them.
-
-    column, row : hole of the template, from 0;  points : of the shaft, template to tip
-    told : the tip as told follows the nominal arc, or the straight axis of the hole
-    """
+    """Needle, hole, drive and what measures them."""
 
     needle: NeedleParams = field(default_factory=NeedleParams)
     insertion: InsertionProfile = field(default_factory=InsertionProfile)
-    column: int = 6
-    row: int = 6
-    points: int = 41
-    told: Literal['arc', 'straight'] = 'arc'
+    column: int = word('of the hole at the start, the first is 0', default=6)
+    row: int = word('of that hole', default=6)
+    points: int = word('of the true shaft, template to tip', default=41)
+    told: Literal['arc', 'straight'] = word(
+        'whether the tip as told follows the nominal arc or the axis of the hole', default='arc')
     roll: float = quantity(0.0, 'deg', "turn of the needle about its axis; at 0 it bends towards "
                            "the template's x", low=-360.0, high=360.0)
     radius_spread: float = quantity(0.1, '', "standard deviation of the true arc's radius from "
@@ -161,7 +158,7 @@ class NeedleDriver:
     """
 
     def __init__(self, params, holes, axis, side, rng):
-        """At depth zero, at rest, at t = 0, in the hole of the parameters."""
+        """At depth zero, at rest, in the hole of the parameters."""
         self.params, self._holes = params, np.asarray(holes, dtype=float)
         self._axis, self._side = (np.asarray(v, dtype=float) for v in (axis, side))
         for name, value, count in (('column', params.column, self._holes.shape[0]),
@@ -174,7 +171,7 @@ class NeedleDriver:
         self._true = replace(params.needle, radius=params.needle.radius * spread)
         self._sensor = DepthSensor(params, depth_rng)
         self._insert_into(self._holes[params.column, params.row], params.roll)
-        self._t, self._measured, self._speed = 0.0, (0.0, 0.0), 0.0
+        self._t, self._measured, self._speed = None, (0.0, 0.0), 0.0
         self._move = self._rest()
         self._stopped = self._held = self._blocked = False
         self._refusal = ''
@@ -271,9 +268,12 @@ class NeedleDriver:
     def read(self, t, force=0.0):
         """Advance to t [s] under `force` [N] of the tissue along the needle; returns NeedleState.
 
+        The first read sets the clock and moves nothing.
         A force above params.force_limit ends a motion that pushes (or pulls) on against it: HELD
         until the next command. Raises CommandRefused if t lies before the last read.
         """
+        if self._t is None:
+            self._t, self._measured = t, (t, 0.0)
         if t < self._t:
             raise CommandRefused(f'needle: read at t = {t} s after t = {self._t} s; time must '
                                  'not run backwards')

@@ -17,10 +17,12 @@ import cv2
 import numba
 import numpy as np
 
-from arm_brachy.core.quantity import quantity
+from arm_brachy.core.errors import ConfigError
+from arm_brachy.core.quantity import quantity, word
 
 _HALF_WIDTH = 2.0 * np.sqrt(2.0 * np.log(2.0))   # full width at half maximum over sigma
 _NARROWEST = 0.05    # pixels, of the filter's sigma
+_FEWEST, _MOST = 16, 4096    # pixels
 _SHIFT = 15          # bits of a float32 that log compression leaves out
 _PHASES = 4096       # in a turn: 1.5 mrad, 56 dB below the echo
 _TURN = np.column_stack([f(2.0 * np.pi * (np.arange(_PHASES) + 0.5) / _PHASES)
@@ -31,13 +33,10 @@ SLICE = 2.5          # the same across the plane: 0.04 % of the energy
 
 @dataclass(frozen=True)
 class UltrasoundParams:
-    """A linear probe of the 38 mm kind and its image.
+    """A linear probe of the 38 mm kind and its image."""
 
-    width, height : pixels
-    """
-
-    width: int = 640
-    height: int = 640
+    width: int = word('pixels along the elements', default=640)
+    height: int = word('pixels with depth', default=640)
     aperture: float = quantity(38.0, 'mm', 'width of the image, along the elements', low=5.0,
                                high=100.0, source='Ultrasonix 4DL14-5/38')
     depth: float = quantity(38.0, 'mm', 'height of the image', low=5.0, high=200.0,
@@ -62,6 +61,13 @@ class UltrasoundParams:
                                  low=-100.0, high=0.0, source='own choice: mid grey')
     rate: float = quantity(20.0, 'Hz', 'images per second', low=0.5, high=100.0,
                            source='usual frame rate at this depth')
+
+    def __post_init__(self):
+        """Raise ConfigError for a picture without room for a resolution cell, or too large."""
+        for name in ('width', 'height'):
+            if not _FEWEST <= getattr(self, name) <= _MOST:
+                raise ConfigError(f'{name} = {getattr(self, name)}; must be {_FEWEST} to {_MOST} '
+                                  'pixels')
 
     @property
     def pixel(self):

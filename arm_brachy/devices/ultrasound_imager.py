@@ -31,10 +31,7 @@ _SHORTEST = 1e-6     # m of needle, below which it has no direction
 
 @dataclass(frozen=True)
 class ImagerParams:
-    """The probe, what the tissue looks like in it, and how it is searched.
-
-    image, echo, detector : of the image former, the needle's echo, the detector
-    """
+    """The probe, what the tissue looks like in it, and how it is searched."""
 
     image: UltrasoundParams = field(default_factory=UltrasoundParams)
     echo: NeedleEchoParams = field(default_factory=NeedleEchoParams)
@@ -119,18 +116,18 @@ class Imager:
         self._former = ImageFormer(params.image)
         self._echo = NeedleEcho(params.echo, params.image)
         self._detector = TipDetector(params.detector, params.image, params.echo)
-        self._times, self._last = SampleTimes(params.image.rate), -1.0
+        self._times, self._last = SampleTimes(params.image.rate), None
         self._contact, self._share = None, None
 
     def see(self, t, x, probe, pressure, shaft, told_probe, told_tip):
-        """Return the Frame at t [s], or None if none is due since the last call.
+        """Return the Frame at t [s], or None if none is due since the last call; the first is due.
 
         x : (n, 3) [m] nodes now;  probe : (R, p) of P in W, true
         pressure : (s,) [Pa] in strips of the face from -x to +x; None = contact all over
         shaft : (k, 3) [m] of the true needle, template to tip, or None
         told_probe : (R, p) by the encoders, or None;  told_tip : (R, p), z along it, or None
         """
-        due = self._times.between(self._last, t)
+        due = self._last is None or self._times.between(self._last, t)
         self._last = t
         if not due:
             return None

@@ -25,8 +25,10 @@ HOLES = HOLE + 5e-3 * (np.array([-1, 0, 1])[:, None, None] * SIDE
 
 
 def driver(params=EXACT, seed=0):
-    return NeedleDriver(replace(params, column=1, row=0), HOLES, AXIS, SIDE,
-                        np.random.default_rng(seed))
+    needle = NeedleDriver(replace(params, column=1, row=0), HOLES, AXIS, SIDE,
+                          np.random.default_rng(seed))
+    needle.read(0.0)
+    return needle
 
 
 def run(needle, seconds, force=0.0, start=0.0):
@@ -125,7 +127,7 @@ def test_the_measured_depth_has_its_noise_its_error_and_its_delay():
 
 def test_the_tip_is_told_only_outside_the_hole():
     needle = driver()
-    assert needle.read(0.0).tip_p is None
+    assert needle.read(0.0).tip_p is None and needle.read(0.0).outcome is Outcome.OK
     needle.command(0.02)
     states = run(needle, 4.0)
     assert all((s.tip_p is not None) == (s.depth > EXACT.shown) for s in states)
@@ -193,6 +195,13 @@ def test_same_seed_same_bits_and_reading_more_often_moves_no_needle():
         last = finer.read(k * TICK / 2)
     assert np.isclose(last.true_depth, b.true_depth, atol=1e-15)
     assert np.allclose(last.shaft[-1], b.shaft[-1], atol=1e-12)
+
+
+def test_a_clock_of_any_age_starts_at_the_first_read():
+    needle = NeedleDriver(EXACT, HOLES, AXIS, SIDE, np.random.default_rng(0))
+    needle.command(0.05)
+    assert needle.read(1.7e9).true_depth == 0.0
+    assert 0.0 < needle.read(1.7e9 + 1.0).true_depth < 0.011
 
 
 def test_the_true_radius_spreads_about_the_nominal_one():
