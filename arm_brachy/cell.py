@@ -27,14 +27,23 @@ from arm_brachy.devices.em_tracker import EmTracker
 from arm_brachy.devices.force_sensor import ForceSensor
 from arm_brachy.devices.needle_driver import NeedleDriver, nominal_offset
 from arm_brachy.devices.optical_tracker import OpticalTracker
+from arm_brachy.devices.surface_scanner import PadShadow, Plate, SurfaceScanner
+from arm_brachy.devices.ultrasound_imager import Imager
 from arm_brachy.estimation.live import LiveEstimator
 from arm_brachy.estimation.marker_motion import MarkerMotion
-from arm_brachy.robot.template import Template
-from arm_brachy.tissue.build import build_body, load_scene_mesh, placement_mesh
+from arm_brachy.robot.template import ImageGeometry, Template
+from arm_brachy.tissue.build import build_body, build_pad, load_scene_mesh, placement_mesh
 from arm_brachy.tissue.contact_poses import ridden
-from arm_brachy.tissue.mesh import boundary_faces, embed, interpolate, rotations
+from arm_brachy.tissue.mesh import (
+    boundary_faces,
+    embed,
+    interpolate,
+    rotations,
+    surface_triangles,
+)
 from arm_brachy.tissue.newton import NewtonOptions
 from arm_brachy.tissue.simulator import TissueSimulator
+from arm_brachy.tissue.terms.inclusion import Inclusion
 
 
 @dataclass(frozen=True)
@@ -289,13 +298,33 @@ def build_template(cell):
 def build_needle(cell):
     """The needle in its template, at depth zero."""
     template = build_template(cell)
-    return NeedleDriver(cell.scenario.needle, _holes(template), template.axis, template.R[:, 0],
+    return NeedleDriver(cell.scenario.needle, template.holes, template.axis, template.R[:, 0],
                         stream(cell.scenario.seed, 'needle'))
 
 
-def _holes(template):
-    return np.array([[template.hole(i, j) for j in range(template.params.rows)]
-                     for i in range(template.params.columns)])
+def build_imager(cell):
+    """The ultrasound probe that looks into the plant, with the template's holes drawn over it."""
+    params, mesh = cell.scenario.ultrasound, load_scene_mesh(cell.plant)
+    lumps = [(t.centre, t.radius, t.ratio) for t in cell.plant_terms if isinstance(t, Inclusion)]
+    image, procedure = params.image, cell.scenario.procedure
+    drawn = procedure is None or procedure.overlay
+    return Imager(params, mesh.nodes, mesh.connectivity, lumps,
+                  stream(cell.scenario.seed, 'ultrasound_imager'),
+                  build_template(cell) if drawn else None,
+                  ImageGeometry(image.width, image.height, tuple(1.0 / image.pixel)))
+
+
+def build_surface_scanner(cell):
+    """The scanner over the plant; its pads and the template stand in its way."""
+    params, mesh = cell.scenario.scanner, load_scene_mesh(cell.plant)
+    pads = [PadShadow(np.array(patch.centre), np.array(direction), patch.radius,
+                      build_pad(mesh, patch).nodes)
+            for patch, direction in zip(cell.plant.pads, pad_directions(cell.plant), strict=True)]
+    template = build_template(cell)
+    size = np.array([template.params.columns - 1, template.params.rows - 1])
+    plate = Plate(template.R, template.p, 0.5 * size * template.params.pitch + params.margin)
+    return SurfaceScanner(params, mesh.nodes, surface_triangles(mesh), pads, plate,
+                          stream(cell.scenario.seed, 'surface_scanner'))
 
 
 def build_procedure(cell):
@@ -304,7 +333,7 @@ def build_procedure(cell):
     side = template.R[:, 0]
     needle = NeedleCourse(template.axis, side, params.needle.length,
                           nominal_offset(params, template.axis, side))
-    return Procedure(cell.scenario.procedure, _holes(template), needle,
+    return Procedure(cell.scenario.procedure, template.holes, needle,
                      cell.scenario.settle)
 
 

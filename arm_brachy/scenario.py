@@ -27,6 +27,8 @@ from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.needle_driver import NeedleDriverParams
 from arm_brachy.devices.optical_tracker import OpticalParams
+from arm_brachy.devices.surface_scanner import ScannerParams
+from arm_brachy.devices.ultrasound_imager import ImagerParams
 from arm_brachy.estimation.graph_vae.params import GraphVaeParams
 from arm_brachy.estimation.kf_admm import KfAdmmParams
 from arm_brachy.estimation.live import EstimationParams
@@ -134,6 +136,8 @@ class Scenario:
     moves: tuple[Move, ...] = ()
     template: TemplateParams = field(default_factory=TemplateParams)
     needle: NeedleDriverParams = field(default_factory=NeedleDriverParams)
+    ultrasound: ImagerParams = field(default_factory=ImagerParams)
+    scanner: ScannerParams = field(default_factory=ScannerParams)
     procedure: ProcedureParams | None = None
 
 

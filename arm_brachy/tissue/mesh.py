@@ -158,6 +158,16 @@ def face_middles(mesh, faces):
     return mesh.midside.ravel()[first[at]]
 
 
+def surface_triangles(mesh):
+    """Return triangles (t, 3) of nodes on the boundary, outward; four a face of quadratic ones."""
+    faces = boundary_faces(mesh)
+    if mesh.midside is None:
+        return faces
+    (a, b, c), (ab, bc, ca) = faces.T, face_middles(mesh, faces).T
+    return np.vstack([np.column_stack(t) for t in
+                      ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+
+
 @dataclass(frozen=True)
 class MeshQuality:
     """Figures a person judges a mesh by. SI; angles in radians.
