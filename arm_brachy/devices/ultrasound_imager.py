@@ -119,6 +119,11 @@ class Imager:
         self._times, self._last = SampleTimes(params.image.rate), None
         self._contact, self._share = None, None
 
+    @property
+    def nodes(self):
+        """Number of nodes that `see` takes."""
+        return len(self._scatterers.rest)
+
     def see(self, t, x, probe, pressure, shaft, told_probe, told_tip):
         """Return the Frame at t [s], or None if none is due since the last call; the first is due.
 

@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import (
     Point,
     Pose,
+    PoseArray,
     PoseStamped,
     PoseWithCovariance,
     PoseWithCovarianceStamped,
@@ -16,7 +17,7 @@ from geometry_msgs.msg import (
 )
 from rclpy.time import Time
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from arm_brachy.cell import Reading
@@ -228,3 +229,82 @@ def manipulation_state(t_ns, frame, pursuit, step):
         jacobian=floats(step.jacobian), command=floats(step.command),
         feasible=step.reach is None or step.reach.feasible, closest=point(closest),
         outcome=step.outcome.name, message=step.message)
+
+
+def pose_stamped(t_ns, frame, R, p):
+    """geometry_msgs/PoseStamped from R (3, 3) and p (3,) [m]."""
+    return PoseStamped(header=header(t_ns, frame), pose=_pose(R, p))
+
+
+def _pose(R, p):
+    x, y, z, w = (float(c) for c in Rotation.from_matrix(R).as_quat(canonical=True))
+    return Pose(position=point(p), orientation=Quaternion(x=x, y=y, z=z, w=w))
+
+
+def rigid(pose):
+    """R (3, 3) and p (3,) [m] of a geometry_msgs/Pose."""
+    q = pose.orientation
+    return Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), xyz(pose.position)
+
+
+def needle_state(t_ns, frame, state):
+    """sensor_msgs/JointState from a devices.needle_driver.NeedleState: depth, then roll."""
+    return JointState(header=header(t_ns, frame), name=['needle', 'roll'],
+                      position=floats([state.depth, state.roll]),
+                      velocity=floats([state.velocity, 0.0]), effort=floats([state.force, 0.0]))
+
+
+def needle_shaft(t_ns, frame, points, axes):
+    """geometry_msgs/PoseArray of points (k, 3) [m] with z along axes (k, 3), unit.
+
+    About z x axis, the smallest turn that takes z there; half a turn about x if it is -z.
+    """
+    turns = np.column_stack([-axes[:, 1], axes[:, 0], np.zeros(len(axes)), 1.0 + axes[:, 2]])
+    turns[~turns.any(axis=1)] = [1.0, 0.0, 0.0, 0.0]
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    return PoseArray(header=header(t_ns, frame), poses=[
+        Pose(position=point(p), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3]))
+        for p, q in zip(points, turns.tolist(), strict=True)])
+
+
+def positions_in(msg):
+    """(k, 3) [m] of a geometry_msgs/PoseArray."""
+    return np.array([xyz(pose.position) for pose in msg.poses]).reshape(-1, 3)
+
+
+def image(t_ns, frame, picture):
+    """sensor_msgs/Image, mono8 from (height, width), rgb8 from (height, width, 3), uint8."""
+    height, width = picture.shape[:2]
+    depth = 1 if picture.ndim == 2 else picture.shape[2]  # noqa: PLR2004 - rows and columns
+    return Image(header=header(t_ns, frame), height=height, width=width,
+                 encoding='mono8' if depth == 1 else 'rgb8', is_bigendian=0, step=width * depth,
+                 data=array('B', picture.tobytes()))
+
+
+def image_info(t_ns, frame, params):
+    """sensor_msgs/CameraInfo of a devices.ultrasound.UltrasoundParams.
+
+    An ultrasound image is no projection: K and P say u = K[0] x + K[2], v = K[4] z + K[5], with
+    x along the elements and z deep, in metres of the probe's frame, and no distortion.
+    """
+    (fx, fz), cx = 1.0 / params.pixel, 0.5 * (params.width - 1)
+    k = [fx, 0.0, cx, 0.0, fz, 0.0, 0.0, 0.0, 1.0]
+    return CameraInfo(header=header(t_ns, frame), height=params.height, width=params.width, k=k,
+                      r=np.eye(3).ravel(), p=np.column_stack([np.reshape(k, (3, 3)),
+                                                              np.zeros(3)]).ravel())
+
+
+def cloud(t_ns, frame, points):
+    """sensor_msgs/PointCloud2 of points (n, 3) [m], float32."""
+    data = np.ascontiguousarray(points, dtype='<f4')
+    fields = [PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
+              for k, name in enumerate('xyz')]
+    return PointCloud2(header=header(t_ns, frame), height=1, width=len(data), fields=fields,
+                       is_bigendian=False, point_step=12, row_step=12 * len(data),
+                       data=array('B', data.tobytes()), is_dense=True)
+
+
+def cloud_points(msg):
+    """(n, 3) [m] of a PointCloud2 with float32 x, y, z first in each point."""
+    raw = np.frombuffer(bytes(msg.data), dtype=np.uint8).reshape(-1, msg.point_step)
+    return np.ascontiguousarray(raw[:, :12]).view('<f4').astype(float)

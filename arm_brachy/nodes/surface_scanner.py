@@ -1,0 +1,56 @@
+"""ROS 2 shell of the surface scanner: true body in, a cloud of its skin out."""
+
+import numpy as np
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from arm_brachy import cell, graph
+from arm_brachy.nodes import convert, parameters
+from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.spin import spin_node
+from arm_brachy.nodes.ticker import Ticker
+
+
+class SurfaceScannerNode(Node):
+    """Convert, scan, convert back: once as soon as there is a body, then on request.
+
+    in   truth/mesh/topology, truth/mesh/positions
+    out  surface/cloud  PointCloud2  latched; stamp = of the body
+    srv  ~/scan         Trigger      the cloud comes with the next tick
+    par  scenario
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__(graph.SURFACE_SCANNER.name, **kwargs)
+        setup = parameters.node_setup(self)
+        self._frame = setup.frame
+        self._scanner = cell.build_surface_scanner(setup.cell)
+        self._body, self._asked, self._points = None, True, 0
+        ticker = Ticker(self, graph.SURFACE_SCANNER, self._work, lockstep=setup.lockstep,
+                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+        self._pub = ticker.publisher(graph.SURFACE)
+        self._health = Health(self, ticker, self._frame)
+        for topic in graph.SURFACE_SCANNER.subscribes:
+            ticker.subscribe(topic)
+        self.create_service(Trigger, '~/scan', self._on_scan)
+        ticker.start()
+
+    def _on_scan(self, request, response):
+        self._asked = True
+        response.success, response.message = True, 'the cloud comes with the next tick'
+        return response
+
+    def _work(self, tick, t_ns, inputs):
+        for msg in inputs[graph.TRUTH_POSITIONS.name]:
+            self._body = msg
+        if self._asked and self._body is not None:
+            self._asked = False
+            points = self._scanner.scan(np.asarray(self._body.positions).reshape(-1, 3))
+            self._points = len(points)
+            self._pub(convert.cloud(convert.nanoseconds(self._body), self._frame, points))
+        self._health.beat(t_ns, lambda: {'points': self._points})
+
+
+def main(args=None):
+    """Run the node."""
+    spin_node(SurfaceScannerNode, args)
