@@ -16,9 +16,25 @@ from arm_brachy.recording.writer import BagWriter
 from arm_brachy.scenario import bundle
 
 
+class Thinning:
+    """Keeps the first message of each period of a rate [Hz]."""
+
+    def __init__(self, rate):
+        self._period_ns, self._due_ns = round(1e9 / rate), 0
+
+    def keeps(self, t_ns):
+        """True if a message of time t_ns [ns] is to be kept; times must not run backwards."""
+        if t_ns < self._due_ns:
+            return False
+        self._due_ns = (t_ns // self._period_ns + 1) * self._period_ns
+        return True
+
+
 class RecorderNode(Node):
     """Write what was published, tick by tick, in an order that follows from the data alone.
 
+    Of images only some are kept, at the rates of the scenario's ultrasound: the rest can be made
+    again from the recorded poses and mesh.
     in   every topic of the graph, raw;  cell/done/* of every peer;  in lockstep /clock
     par  scenario; output: folder of the bag, must not exist (required)
     """
@@ -40,6 +56,9 @@ class RecorderNode(Node):
         answers = [graph.TICK_DONE.at(node=p) for p in setup.peers]
         self._topics = {t.name: t for t in (*present, *answers, graph.CLOCK)}
         self._declared, self._sequence = {}, Counter()
+        seen = cell.scenario.ultrasound
+        self._thinned = {graph.ULTRASOUND_IMAGE.name: Thinning(seen.recorded_rate),
+                         graph.ULTRASOUND_OVERLAY.name: Thinning(seen.recorded_overlay_rate)}
         self._ticker = Ticker(self, graph.RECORDER, self._work, lockstep=setup.lockstep,
                               tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
         self._ticker.witness = self._keep
@@ -56,7 +75,8 @@ class RecorderNode(Node):
     def _write_all(self, t_ns, inputs):
         for name in sorted(inputs):
             for data in self._in_order(name, inputs[name]):
-                self._write(name, data, t_ns)
+                if name not in self._thinned or self._thinned[name].keeps(t_ns):
+                    self._write(name, data, t_ns)
 
     def _in_order(self, name, batch):
         """Messages of several publishers arrive in an order of chance: sort them by content."""

@@ -1,0 +1,161 @@
+"""The nodes of needle, imager and scanner: one tick each, messages in, messages out."""
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
+from std_srvs.srv import Trigger
+
+from arm_brachy import graph
+from arm_brachy.nodes import convert
+from arm_brachy.nodes.needle_driver import NeedleDriverNode
+from arm_brachy.nodes.recorder import Thinning
+from arm_brachy.nodes.surface_scanner import SurfaceScannerNode
+from arm_brachy.nodes.ultrasound_imager import UltrasoundImagerNode
+from arm_brachy.scenario import load_cell
+from arm_brachy.tissue.build import load_scene_mesh
+from arm_brachy_msgs.msg import ActuatorCommand, ProbeContact, SafetyState
+
+pytestmark = pytest.mark.ros
+TICK = 50_000_000
+
+
+@pytest.fixture(scope='module')
+def body(short_scenario):
+    """Nodes of the plant at rest."""
+    return load_scene_mesh(load_cell(short_scenario).plant).nodes
+
+
+@pytest.fixture
+def make(ros_domain_id, short_scenario):
+    """Callable: a node of a class on its own, and lists of what it publishes by attribute."""
+    made = []
+    rclpy.init()
+
+    def build(kind, *peers, **publishers):
+        name = kind.__name__.removesuffix('Node')
+        row = next(r for r in graph.PROBE_NODES if r.name.replace('_', '') == name.lower())
+        node = kind(parameter_overrides=[
+            Parameter('scenario', value=str(short_scenario)), Parameter('pace', value='wall'),
+            Parameter('peers', value=[row.name, *peers])])
+        made.append(node)
+        out = {attribute: [] for attribute in publishers}
+        for attribute, box in out.items():
+            setattr(node, attribute, box.append)
+
+        def tick(k, **inputs):
+            full = {t.name: [] for t in row.subscribes}
+            full.update({getattr(graph, key).name: [msg] for key, msg in inputs.items()})
+            node._work(k, k * TICK, full)
+        return node, out, tick
+    yield build
+    for node in made:
+        node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def wired(msg):
+    """The message after a way over the wire; the way checks its fields."""
+    return deserialize_message(serialize_message(msg), type(msg))
+
+
+def command(names, values, speed=()):
+    return convert.actuator_command(0, 'cell_base', names, values, speed)
+
+
+def safety(k, state=SafetyState.RUN):
+    return SafetyState(header=convert.header(k * TICK, 'cell_base'), state=state)
+
+
+def test_the_needle_goes_to_its_depth_turns_and_stops(make):
+    node, out, tick = make(NeedleDriverNode, 'supervisor', _state_pub=1, _tip_pub=1, _truth_pub=1)
+    tick(1, NEEDLE_COMMAND=command(['needle'], [0.02], [0.02]))
+    assert out['_state_pub'][-1].position[0] == 0.0 and not out['_tip_pub']
+    tick(2, SAFETY=safety(2), NEEDLE_COMMAND=command(['needle'], [0.02], [0.02]))
+    for k in range(3, 30):
+        tick(k, SAFETY=safety(k))
+    state, tip, shaft = (wired(out[n][-1]) for n in ('_state_pub', '_tip_pub', '_truth_pub'))
+    assert isinstance(state, JointState) and list(state.name) == ['needle', 'roll']
+    assert abs(state.position[0] - 0.02) < 1e-3
+    assert 0 < convert.nanoseconds(tip) <= convert.nanoseconds(state) == 29 * TICK
+    points = convert.positions_in(shaft)
+    R, p = convert.rigid(tip.pose)
+    assert np.linalg.norm(points[-1] - p) < 1e-3 and tip.header.frame_id == 'cell_base'
+    assert np.allclose(convert.rigid(shaft.poses[-1])[0][:, 2], R[:, 2], atol=0.01)
+    tick(30, SAFETY=safety(30), NEEDLE_COMMAND=command(['roll'], [0.5]))
+    assert out['_state_pub'][-1].position[1] == 0.5
+    pull = WrenchStamped()
+    pull.wrench.force = convert.vector(-9.0 * R[:, 2])
+    tick(31, SAFETY=safety(31), NEEDLE_COMMAND=command(['needle'], [0.05]),
+         TRUTH_NEEDLE_FORCE=pull)
+    tick(32, SAFETY=safety(32))
+    assert abs(out['_state_pub'][-1].effort[0] - 9.0) < 0.2
+    assert abs(out['_state_pub'][-1].position[0] - 0.02) < 1e-3     # force_limit_N
+    tick(33, SAFETY=safety(33, SafetyState.STOP))
+    assert not node._on_release(None, Trigger.Response()).success
+    tick(34, SAFETY=safety(34))
+    assert node._on_release(None, Trigger.Response()).success
+
+
+def test_a_needle_command_that_means_nothing_is_refused_in_one_line(make):
+    node, out, tick = make(NeedleDriverNode)
+    said = []
+    node._health.refuse = lambda t_ns, outcome, message: said.append(message)
+    tick(1, NEEDLE_COMMAND=command(['thread'], [0.02]))
+    tick(2, NEEDLE_COMMAND=ActuatorCommand(mode=ActuatorCommand.MODE_MOVE, names=['needle']))
+    assert len(said) == 2 and all('must be needle, roll or hole_x' in line for line in said)
+
+
+def test_the_imager_shows_the_needle_and_says_where_its_tip_is(make, body):
+    _, out, tick = make(UltrasoundImagerNode, _image_pub=1, _overlay_pub=1, _info_pub=1,
+                        _tip_pub=1)
+    along = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    pose = convert.pose_stamped(TICK, 'cell_base', np.column_stack(
+        [np.cross(along, [0.0, 0.0, -1.0]), along, [0.0, 0.0, -1.0]]), [0.0, 0.0, 0.055])
+    tip_R = np.column_stack([np.cross([0.0, 0.0, 1.0], along), [0.0, 0.0, 1.0], along])
+    shaft = np.array([0.0, 0.0, 0.03]) + np.linspace(-0.06, 0.0, 21)[:, None] * along
+    tick(1)
+    assert not out['_image_pub']
+    tick(2, TRUTH_POSITIONS=convert.mesh_positions(2 * TICK, 'cell_base', body), TRUTH_PROBE=pose,
+         PROBE_POSE=pose, TRUTH_CONTACT=ProbeContact(pressure=[5e3] * 8),
+         TRUTH_NEEDLE=convert.needle_shaft(0, 'cell_base', shaft, np.tile(along, (21, 1))),
+         NEEDLE_TIP=convert.pose_stamped(2 * TICK, 'cell_base', tip_R, shaft[-1]))
+    picture, drawn, info, tip = (wired(out[n][0]) for n in ('_image_pub', '_overlay_pub',
+                                                            '_info_pub', '_tip_pub'))
+    assert isinstance(picture, Image) and isinstance(info, CameraInfo)
+    assert (picture.encoding, drawn.encoding) == ('mono8', 'rgb8')
+    assert len(picture.data) == picture.height * picture.step == 640 * 640
+    assert len(drawn.data) == drawn.height * drawn.step == 3 * 640 * 640
+    assert picture.header == drawn.header == info.header and picture.header.frame_id
+    assert np.linalg.norm(convert.xyz(tip.pose.position) - shaft[-1]) < 5e-4
+    v = info.k[4] * 0.025 + info.k[5]
+    pixels = np.frombuffer(bytes(picture.data), np.uint8).reshape(640, 640)
+    assert pixels[round(v) - 2:round(v) + 3, 317:323].min() > 200   # the head of the needle
+    tick(20)
+    assert len(out['_image_pub']) == 2 and len(out['_tip_pub']) == 1    # the told tip is old
+
+
+def test_the_scanner_scans_once_and_when_asked(make, body):
+    node, out, tick = make(SurfaceScannerNode, _pub=1)
+    tick(1)
+    assert not out['_pub']
+    for k in (2, 3):
+        tick(k, TRUTH_POSITIONS=convert.mesh_positions(k * TICK, 'cell_base', body))
+    cloud, = map(wired, out['_pub'])
+    points = convert.cloud_points(cloud)
+    assert isinstance(cloud, PointCloud2) and points.shape == (cloud.width, 3)
+    assert 0.055 < points[:, 2].max() < 0.062 and np.isfinite(points).all()
+    assert node._on_scan(None, Trigger.Response()).success
+    tick(4)
+    assert len(out['_pub']) == 2 and convert.nanoseconds(out['_pub'][1]) == 3 * TICK
+
+
+def test_a_recorder_keeps_the_first_image_of_each_period():
+    thinning = Thinning(5.0)
+    kept = [k for k in range(1, 21) if thinning.keeps(k * TICK)]
+    assert kept == [1, 4, 8, 12, 16, 20]
+    slow = Thinning(50.0)
+    assert all(slow.keeps(k * TICK) for k in range(5))
