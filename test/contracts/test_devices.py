@@ -16,7 +16,12 @@ from arm_brachy.core.term import SensingTerm
 from arm_brachy.devices.actuator import ActuatorParams, SimulatedBank
 from arm_brachy.devices.em_tracker import EmTracker, EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensor, ForceSensorParams
+from arm_brachy.devices.insertion import InsertionProfile
+from arm_brachy.devices.needle import NeedleParams
+from arm_brachy.devices.needle_driver import NeedleDriverParams
+from arm_brachy.devices.needle_echo import NeedleEchoParams
 from arm_brachy.devices.optical_tracker import OpticalParams, OpticalTracker
+from arm_brachy.devices.surface_scanner import ScannerParams
 from arm_brachy.devices.terms.actuator_compliance import ActuatorCompliance
 from arm_brachy.devices.terms.actuator_gain import ActuatorGain
 from arm_brachy.devices.terms.actuator_lag import ActuatorLag
@@ -30,9 +35,14 @@ from arm_brachy.devices.terms.force_gain import ForceGain
 from arm_brachy.devices.terms.lost_steps import LostSteps
 from arm_brachy.devices.terms.marker_slip import MarkerSlip
 from arm_brachy.devices.terms.optical_scale import OpticalScale
+from arm_brachy.devices.tip_detector import TipDetectorParams
+from arm_brachy.devices.ultrasound import UltrasoundParams
+from arm_brachy.devices.ultrasound_imager import ImagerParams
 
 NAMES = ('a', 'b', 'c')
 PARAMS = (ActuatorParams, EmTrackerParams, OpticalParams, ForceSensorParams)
+PROBING = (NeedleParams, InsertionProfile, NeedleDriverParams, UltrasoundParams,
+           NeedleEchoParams, TipDetectorParams, ImagerParams, ScannerParams)
 TERMS = (ActuatorLag, ActuatorGain, Backlash, LostSteps, ActuatorCompliance, MarkerSlip,
          OpticalScale, EmDistortion, EmOffset, AxisCrosstalk, ForceGain, ForceDrift,
          ClockOffset)
@@ -231,11 +241,11 @@ def test_parameters_survive_yaml_and_refuse_what_is_out_of_range(cls):
             from_mapping(cls, bad, 'x.yaml')
 
 
-@pytest.mark.parametrize('cls', PARAMS + TERMS)
+@pytest.mark.parametrize('cls', PARAMS + PROBING + TERMS)
 def test_every_number_says_where_it_comes_from(cls):
     for name, info in quantities(cls).items():
         assert info.text
-        conventional = name == 'phase' or name.startswith('generator_')
+        conventional = name in ('phase', 'roll') or name.startswith(('generator_', 'seroma_c'))
         assert info.source or conventional, f'{cls.__name__}.{name} has no source'
 
 
@@ -251,8 +261,8 @@ def test_terms_are_documented_and_fittable(cls):
 def test_readme_table_is_the_declarations():
     """Every parameter, with its default in edge units, stands in the README of the package."""
     text = (Path(arm_brachy.devices.__file__).parent / 'README.md').read_text(encoding='utf-8')
-    for cls in PARAMS + TERMS:
+    for cls in PARAMS + PROBING + TERMS:
         for key, value in to_mapping(cls()).items():
-            if key == 'cameras':
+            if key == 'cameras' or isinstance(value, dict):
                 continue
             assert f'| {cls.__name__} | `{key}` | {value} |' in text
