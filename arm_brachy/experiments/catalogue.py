@@ -22,6 +22,7 @@ from arm_brachy.experiments import (
     import_fuzz,
     liver,
     model_verification,
+    needle_force,
     node_errors,
     panda_torques,
     reduced_model,
@@ -39,4 +40,4 @@ EXPERIMENTS = {module.NAME: module.reproduce
                              diagnosis_laboratories, dome_faults, gel_block, half_cylinder,
                              node_errors, panda_torques, table_4_1, estimate_feedback,
                              import_fuzz, appendix_a, figure_4_5, figure_4_6, figure_4_7,
-                             figure_5_7, figure_5_8, figure_5_9, liver)}
+                             figure_5_7, figure_5_8, figure_5_9, liver, needle_force)}
