@@ -126,12 +126,13 @@ class NeedleForce:
     """Force of the tissue along the needle, positive against insertion; one instance a needle.
 
     punctured : the capsule is broken;  entry : [m] depth of the needle where it broke
+    tip : [N] share of the last force that acts at the tip, the rest along the shaft
     """
 
     def __init__(self, params):
         """Outside the tissue, capsule whole."""
         self.params = params
-        self.punctured, self.entry = False, None
+        self.punctured, self.entry, self.tip = False, None, 0.0
         self._held = None       # depth at which the needle has come to rest in the tissue
 
     def step(self, depth, skin, velocity):
@@ -142,15 +143,17 @@ class NeedleForce:
         """
         p, dent = self.params, depth - skin
         if dent <= 0.0:
-            self.punctured, self._held = False, None
+            self.punctured, self._held, self.tip = False, None, 0.0
             return 0.0
         if not self.punctured:
             force = p.dent_linear * dent + p.dent_square * dent**2
             if force < p.puncture:
+                self.tip = force
                 return force
             self.punctured, self.entry = True, depth
         inside = depth - skin
-        return (p.cutting if velocity > p.band else 0.0) + self._friction(inside, depth, velocity)
+        self.tip = p.cutting if velocity > p.band else 0.0
+        return self.tip + self._friction(inside, depth, velocity)
 
     def _friction(self, inside, depth, velocity):
         p = self.params

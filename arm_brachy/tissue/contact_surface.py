@@ -34,10 +34,12 @@ class SurfaceQuadrature:
         return float(np.abs(self.shape).sum(axis=1).max())
 
 
-def surface_quadrature(mesh, faces, points=6):
+def surface_quadrature(mesh, faces, points=6, divisions=1):
     """Return the SurfaceQuadrature of triangles of a TetMesh, linear or quadratic.
 
     faces : (f, 3) corners;  points : 3 or 6 per face (exact to degree 2 or 4)
+    divisions : into which each edge is divided: the rule is used on as many squared triangles, for
+        bodies that are small against the faces
     Faces are flat at rest, as `mesh.quadratic_mesh` makes them.
     Raises ConfigError for another number of points.
     """
@@ -49,6 +51,9 @@ def surface_quadrature(mesh, faces, points=6):
         rows += [np.roll([unlike, like, like], i) for i in range(3)]
         weights += [weight] * 3
     L, nodes = np.array(rows), np.asarray(faces)
+    if divisions > 1:
+        L = np.concatenate([L @ corners for corners in _parts(divisions)])
+        weights = weights * divisions**2
     if mesh.midside is not None:
         nodes = np.hstack([nodes, face_middles(mesh, nodes)])
         L = np.hstack([L * (2.0 * L - 1.0), 4.0 * L * np.roll(L, -1, axis=1)])
@@ -57,6 +62,18 @@ def surface_quadrature(mesh, faces, points=6):
     area = 0.5 * np.linalg.norm(area, axis=1)
     return SurfaceQuadrature(np.ascontiguousarray(nodes, dtype=np.int64), L,
                              np.outer(area, np.array(weights) / np.sum(weights)))
+
+
+def _parts(count):
+    """Barycentric corners (3, 3) of the count^2 equal triangles that a triangle divides into."""
+    def at(i, j):
+        return np.array([i, j, count - i - j]) / count
+
+    for i in range(count):
+        for j in range(count - i):
+            yield np.array([at(i + 1, j), at(i, j + 1), at(i, j)])
+            if i + j < count - 1:
+                yield np.array([at(i, j + 1), at(i + 1, j), at(i + 1, j + 1)])
 
 
 @dataclass(frozen=True)

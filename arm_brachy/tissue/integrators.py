@@ -33,6 +33,7 @@ class TissueState:
     outcome : OK, or why the last good state is held;  iterations : Newton iterations of the step
     residual : [N] largest out-of-balance force at the last solve (0 in dynamics)
     base : (3,) [m] displacement of the base
+    instruments : what a probe and a needle feel (instruments.Felt), None in a plant without
     """
 
     t: float
@@ -44,6 +45,7 @@ class TissueState:
     iterations: int = 0
     residual: float = 0.0
     base: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    instruments: object = None
 
 
 class AbstractIntegrator(ABC):
@@ -93,7 +95,7 @@ class QuasiStatic(AbstractIntegrator):
 
     def settle(self, native, pads, t, fields):
         """As AbstractIntegrator."""
-        return _settled(self, native, native[0], pads, t, fields)
+        return settled(self, native, native[0], pads, t, fields)
 
     def pads(self, native):
         """As AbstractIntegrator."""
@@ -120,7 +122,7 @@ class QuasiStatic(AbstractIntegrator):
         """
         if before is not None:
             trend, held = x - before, self.statics.free.held
-            onward = _progress(trend[held], (goal - x)[held])
+            onward = progress(trend[held], (goal - x)[held])
             solution = self.statics.follow(x + onward * trend, goal, fields)
             if solution.outcome.ok:
                 return solution
@@ -177,7 +179,7 @@ class Touching(AbstractIntegrator):
         if self.contact.at_rest(state, pads, fields, max(SKIP_RESIDUAL, state.residual)):
             return self._resting(t + dt, dataclasses.replace(state, iterations=0))
         before = self.contact.displacement(state)
-        trend = _progress(stride, pads - before) * way
+        trend = progress(stride, pads - before) * way
         new = self.contact.follow(state, pads, trend, fields)
         way = new.x - state.x
         native = (t + dt, new, way, pads - before)
@@ -208,7 +210,7 @@ class Implicit(AbstractIntegrator):
 
     def settle(self, native, pads, t, fields):
         """As AbstractIntegrator."""
-        return _settled(self, native, native, pads, t, fields)
+        return settled(self, native, native, pads, t, fields)
 
     def pads(self, native):
         """As AbstractIntegrator."""
@@ -224,7 +226,7 @@ class Implicit(AbstractIntegrator):
         return native, _shown(native)
 
 
-def _settled(integrator, native, last, pads, t, fields):
+def settled(integrator, native, last, pads, t, fields):
     """(native, TissueState) at the equilibrium of bonded pads found from last.x."""
     found = rest(integrator.statics, last.x, pads, fields)
     if not found.outcome.ok:
@@ -241,7 +243,7 @@ def _bonded_at(body, x):
     return (x - body.mesh.nodes)[first].reshape(-1, 3)
 
 
-def _progress(last, ahead):
+def progress(last, ahead):
     """How far it goes on along the last motion, in units of it, within [0, 2]; any shape."""
     length = np.sum(last * last)
     return float(np.clip(np.sum(ahead * last) / length, 0.0, 2.0)) if length > 0.0 else 0.0

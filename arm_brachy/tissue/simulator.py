@@ -9,6 +9,8 @@ from arm_brachy.core.errors import ConfigError, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.tissue.body import StepFields
 from arm_brachy.tissue.contact_pads import touches
+from arm_brachy.tissue.instrumented import Instrumented
+from arm_brachy.tissue.instruments import IDLE
 from arm_brachy.tissue.integrators import Implicit, QuasiStatic, Touching
 
 
@@ -20,16 +22,18 @@ class TissueSimulator:
         `registry.split` keep the registry's order)
     dynamics : 'quasi_static' (equilibrium at every instant) or 'implicit' (inertia and damping)
     options : NewtonOptions or DynamicOptions, whichever belongs to `dynamics`; None = defaults
+    instruments : instruments.Instruments that act on the body besides, None = none; they need
+        bonded pads and quasi-static motion
     Pads of the body that have a face touch it, with friction; the others are bonded. With friction
     a state depends on the path that led there, so `settle` and `step` go on from the last one.
     Quasi-static motion holds while pads move slowly against the body's lowest vibration (a
     factor of ten in time); for bodies that ring choose 'implicit'.
-    Raises ConfigError for an unknown `dynamics` or touching pads in 'implicit' dynamics, and what
-    the terms raise if they do not fit.
+    Raises ConfigError for an unknown `dynamics`, touching pads in 'implicit' dynamics, instruments
+    beside either, and what the terms raise if they do not fit.
     """
 
     def __init__(self, body, terms=(), *, dynamics: Literal['quasi_static', 'implicit'] =
-                 'quasi_static', options=None):
+                 'quasi_static', options=None, instruments=None):
         integrators = {'quasi_static': QuasiStatic, 'implicit': Implicit}
         if dynamics not in integrators:
             raise ConfigError(f'dynamics = {dynamics!r}; must be one of {", ".join(integrators)}')
@@ -43,8 +47,19 @@ class TissueSimulator:
                 raise ConfigError(f'dynamics = {dynamics!r} with touching pads; must be '
                                   "'quasi_static', or bond the pads")
             integrator = Touching
-        self._integrator = integrator(body, options)
+        self._instruments = instruments
+        if instruments is None:
+            self._integrator = integrator(body, options)
+        else:
+            self._refuse_beside_instruments(dynamics)
+            self._integrator = Instrumented(body, options, instruments)
         self.reset()
+
+    def _refuse_beside_instruments(self, dynamics):
+        if dynamics != 'quasi_static' or touches(self.body).any():
+            raise ConfigError(f'probe or needle with dynamics = {dynamics!r} and '
+                              f'{int(touches(self.body).sum())} touching pads; must be '
+                              "'quasi_static' with bonded pads")
 
     @property
     def state(self):
@@ -79,10 +94,11 @@ class TissueSimulator:
         self._native, self._good = native, state
         return state
 
-    def step(self, t, pad_displacement):
-        """Advance to time t with the pads moving there linearly.
+    def step(self, t, pad_displacement, tools=IDLE):
+        """Advance to time t with the pads and instruments moving there linearly.
 
         t : [s], later than the last step's;  pad_displacement : (p, 3) [m] from rest, world frame
+        tools : instruments.Tools, where the instruments are at t
         Returns the TissueState at t. If the solver fails or the command is not finite, position,
         forces and memories stay those of the last good state and `outcome` says why; the next
         step then covers the whole time since. Raises InputError if time runs backwards or the
@@ -95,13 +111,13 @@ class TissueSimulator:
         self._clock = t
         if not np.isfinite(pads).all():
             return self._held(Outcome.REJECTED, 0)
-        native, memories, state = self._advance(t, pads)
+        native, memories, state = self._advance(t, pads, tools)
         if not state.outcome.ok:
             return self._held(state.outcome, state.iterations)
         self._native, self._memories, self._good = native, memories, state
         return state
 
-    def _advance(self, t, pads):
+    def _advance(self, t, pads, tools):
         """Integrate from the last good state; memories are carried through every substep."""
         native, memories, iterations = self._native, self._memories, 0
         begin, dt = self._good.t, t - self._good.t
@@ -109,11 +125,12 @@ class TissueSimulator:
         remembers = any(memory is not None for memory in memories)
         count = self._integrator.substeps(dt) if remembers else 1
         start = self._integrator.pads(native)
+        where = () if self._instruments is None else (tools,)   # one step: quasi-static
         for k in range(1, count + 1):
             h, now = dt / count, begin + dt * k / count
             target = pads if k == count else start + (pads - start) * (k / count)
             fields = self._fields(memories, now, h)
-            native, state = self._integrator.step(native, target, h, fields)
+            native, state = self._integrator.step(native, target, h, fields, *where)
             iterations += state.iterations
             if not state.outcome.ok:
                 break
