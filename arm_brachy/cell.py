@@ -25,6 +25,7 @@ from arm_brachy.devices.actuator import SimulatedBank
 from arm_brachy.devices.actuator_driver import load_driver
 from arm_brachy.devices.em_tracker import EmTracker
 from arm_brachy.devices.force_sensor import ForceSensor
+from arm_brachy.devices.needle import NeedleForce
 from arm_brachy.devices.needle_driver import NeedleDriver, nominal_offset
 from arm_brachy.devices.optical_tracker import OpticalTracker
 from arm_brachy.devices.surface_scanner import PadShadow, Plate, SurfaceScanner
@@ -34,6 +35,7 @@ from arm_brachy.estimation.marker_motion import MarkerMotion
 from arm_brachy.robot.template import ImageGeometry, Template
 from arm_brachy.tissue.build import build_body, build_pad, load_scene_mesh, placement_mesh
 from arm_brachy.tissue.contact_poses import ridden
+from arm_brachy.tissue.instruments import Instruments, Tools
 from arm_brachy.tissue.mesh import (
     boundary_faces,
     embed,
@@ -42,6 +44,8 @@ from arm_brachy.tissue.mesh import (
     surface_triangles,
 )
 from arm_brachy.tissue.newton import NewtonOptions
+from arm_brachy.tissue.probe_face import ProbeFace
+from arm_brachy.tissue.probe_reading import ProbeReading
 from arm_brachy.tissue.simulator import TissueSimulator
 from arm_brachy.tissue.terms.inclusion import Inclusion
 
@@ -54,6 +58,8 @@ class Reading:
     rotations : (k, 3, 3) local rotation from rest
     pad_displacement, pad_force, pad_moment : (p, 3); wrench of the tissue on the pad
     x : (n, 3) nodes, None where the reading came over the wire
+    probe : ProbeReading, None in a cell without probe
+    needle_force : [N] of the tissue along the needle, positive against insertion
     """
 
     t: float
@@ -66,6 +72,8 @@ class Reading:
     x: np.ndarray | None = None
     outcome: Outcome = Outcome.OK
     iterations: int = 0
+    probe: ProbeReading | None = None
+    needle_force: float = 0.0
 
 
 # What a cell's body leaves open at every tick, at most: 10 nm, four decades below what a tracker
@@ -76,15 +84,18 @@ STATICS = NewtonOptions(tolerance=1e-8)
 class Body:
     """A soft body with its markers and targets: pad positions in, Reading out."""
 
-    def __init__(self, scene, terms, release=None):
-        """release : [s] when a body held in its stress-free shape is let go; None = never held."""
+    def __init__(self, scene, terms, release=None, instruments=None):
+        """release : [s] when a body held in its stress-free shape is let go; None = never held.
+
+        instruments : tissue.instruments.Instruments of a cell with probe or needle, None = none
+        """
         self._release, self._started = release, False
         self._body = build_body(scene)
         self.mesh = self._body.mesh
         self.surface = boundary_faces(self.mesh)
         options = STATICS if scene.dynamics == 'quasi_static' else None
         self._simulator = TissueSimulator(self._body, terms, dynamics=scene.dynamics,
-                                          options=options)
+                                          options=options, instruments=instruments)
         self.pad_names = self._body.pad_names
         true_pads = self._simulator.body.pads
         self._directions = np.array([p.direction for p in true_pads]).reshape(-1, 3)
@@ -110,11 +121,13 @@ class Body:
                 raise ConfigError(f'scene {scene.name}: marker {name} is on {carrier!r}; must be '
                                   f'one of {", ".join(allowed)}')
 
-    def step(self, t, q):
+    def step(self, t, q, probe=None, needle=None):
         """Advance to t [s] with pads at q (p,) [m] along their directions; returns Reading.
 
+        probe : (R (3, 3), p (3,) [m]) of its frame in W, None = away;  needle : NeedleInTissue of
+        tissue.needle_path, None = outside. A body without instruments takes no notice of either.
         The first call is the start: the body is found at rest in equilibrium with q, or, where a
-        release is set, as it was held until then.
+        release is set, as it was held until then; instruments act from the second call on.
         """
         displacement = self._directions * np.asarray(q, dtype=float)[:, None]
         if self._release is not None and t <= self._release:
@@ -123,7 +136,7 @@ class Body:
             self._simulator.reset(t)
             state = self._simulator.settle(displacement)
         else:
-            state = self._simulator.step(t, displacement)
+            state = self._simulator.step(t, displacement, Tools(probe, needle))
         self._started = True
         return self._reading(state, displacement)
 
@@ -134,8 +147,10 @@ class Body:
         for carrier, shift in (*zip(self.pad_names, displacement, strict=True),
                                ('base', state.base)):
             points[[c == carrier for c in self._carrier]] += shift
+        felt = state.instruments
+        extra = () if felt is None else (felt.probe, felt.needle_force)
         return Reading(state.t, self.point_names, points, turns, displacement, state.pad_force,
-                       state.pad_moment, state.x, state.outcome, state.iterations)
+                       state.pad_moment, state.x, state.outcome, state.iterations, *extra)
 
 
 class PointFeed:
@@ -191,8 +206,15 @@ def build_tissue(cell, side):
     """The body as 'plant' or as 'model', with that overlay's terms."""
     if side == 'plant':
         return Body(cell.plant, registry.split(cell.plant_terms)[Stage.BODY],
-                    cell.scenario.release)
+                    cell.scenario.release, _instruments(cell))
     return Body(cell.model, registry.split(cell.model_terms)[Stage.BODY], cell.scenario.release)
+
+
+def _instruments(cell):
+    """Probe and needle of a procedure, None in any other cell."""
+    if cell.scenario.procedure is None:
+        return None
+    return Instruments(ProbeFace(), NeedleForce(cell.scenario.needle.needle))
 
 
 def build_actuators(cell, params):

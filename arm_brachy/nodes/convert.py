@@ -13,6 +13,7 @@ from geometry_msgs.msg import (
     PoseWithCovarianceStamped,
     Quaternion,
     Vector3,
+    Wrench,
     WrenchStamped,
 )
 from rclpy.time import Time
@@ -21,6 +22,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointFie
 from std_msgs.msg import Header
 
 from arm_brachy.cell import Reading
+from arm_brachy.tissue.needle_path import NeedleInTissue
 from arm_brachy_msgs.msg import (
     ActuatorCommand,
     BodyPoints,
@@ -29,6 +31,7 @@ from arm_brachy_msgs.msg import (
     MeshTopology,
     OpticalFrame,
     PadState,
+    ProbeContact,
     StepOutcome,
     TaskState,
     ToolStatus,
@@ -117,6 +120,38 @@ def mesh_topology(t_ns, frame, mesh, surface):
 def mesh_positions(t_ns, frame, x):
     """MeshPositions from nodes x (n,3) [m]."""
     return MeshPositions(header=header(t_ns, frame), revision=1, positions=floats(x))
+
+
+def pose_of(msg):
+    """R (3, 3), p (3,) of a geometry_msgs Pose."""
+    q = msg.orientation
+    return Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), xyz(msg.position)
+
+
+def needle_of(msg):
+    """NeedleInTissue of a PoseArray of the shaft, template first; None where there is none."""
+    points = np.array([xyz(pose.position) for pose in msg.poses]).reshape(-1, 3)
+    if len(points) < 2:
+        return None
+    return NeedleInTissue(points, float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()))
+
+
+def probe_contact(t_ns, frame, reading):
+    """ProbeContact of a tissue ProbeReading."""
+    force, moment = reading.wrench[:3], reading.wrench[3:]
+    return ProbeContact(header=header(t_ns, frame),
+                        wrench=Wrench(force=vector(force), torque=vector(moment)),
+                        stiffness=floats(reading.stiffness), area=float(reading.area),
+                        pressure=floats(reading.pressure))
+
+
+def needle_wrench(t_ns, frame, force, needle):
+    """WrenchStamped of the tissue on the needle: force [N] against insertion, at its tip."""
+    along = np.zeros(3) if needle is None else needle.points[-1] - needle.points[-2]
+    length = np.linalg.norm(along)
+    along = along / length if length > 0.0 else along
+    return WrenchStamped(header=header(t_ns, frame),
+                         wrench=Wrench(force=vector(-force * along), torque=vector(np.zeros(3))))
 
 
 def tool_pose(frame, sample):

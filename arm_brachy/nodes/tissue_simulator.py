@@ -13,7 +13,9 @@ from arm_brachy.nodes.ticker import Ticker
 class TissueNode(Node):
     """Convert, step the body, convert back.
 
-    Plant (tissue_simulator): in truth/pads, out truth/points, truth/mesh/...
+    Plant (tissue_simulator): in truth/pads, truth/probe, truth/needle, out truth/points,
+        truth/mesh/..., truth/probe_contact, truth/needle_force; the last three inputs and outputs
+        in a cell with a procedure, whose mesh goes out every tick
     Model (tissue_model): in actuators/state, out model/points, model/mesh/...
     par  scenario
     """
@@ -24,7 +26,10 @@ class TissueNode(Node):
         setup = parameters.node_setup(self)
         self._frame, self._pads_topic, self._positions_topic = setup.frame, pads_topic, positions
         self._body = cell.build_tissue(setup.cell, side)
+        self._treated = side == 'plant' and setup.cell.scenario.procedure is not None
         self._mesh_period_ns = round(1e9 / setup.cell.scenario.mesh_rate)
+        if self._treated:
+            self._mesh_period_ns = setup.tick_ns
         self._mesh_due_ns = 0
         ticker = Ticker(self, spec, self._work, lockstep=setup.lockstep, tick_ns=setup.tick_ns,
                         peers=setup.peers, absent=setup.absent)
@@ -33,6 +38,12 @@ class TissueNode(Node):
         self._positions_pub = ticker.publisher(positions)
         self._health = Health(self, ticker, self._frame)
         ticker.subscribe(pads_topic)
+        self._probe = self._needle = None
+        if self._treated:
+            self._contact_pub = ticker.publisher(graph.TRUTH_CONTACT)
+            self._needle_pub = ticker.publisher(graph.TRUTH_NEEDLE_FORCE)
+            ticker.subscribe(graph.TRUTH_PROBE)
+            ticker.subscribe(graph.TRUTH_NEEDLE)
         made_ns = 0 if setup.lockstep else self.get_clock().now().nanoseconds
         self._topology_pub(convert.mesh_topology(made_ns, self._frame, self._body.mesh,
                                                  self._body.surface))
@@ -48,7 +59,8 @@ class TissueNode(Node):
             names = msg.name if isinstance(msg, JointState) else msg.names
             stamp = convert.nanoseconds(msg)
             position = cell.in_driver_order(names, msg.position, self._body.pad_names)
-        reading = self._body.step(stamp * 1e-9, position)
+        self._hear_instruments(inputs)
+        reading = self._body.step(stamp * 1e-9, position, self._probe, self._needle)
         self._health.note(stamp, reading.outcome)
         self._points_pub(convert.body_points(
             stamp, self._frame, self._body.point_names, reading.points, reading.rotations,
@@ -57,7 +69,23 @@ class TissueNode(Node):
         if stamp >= self._mesh_due_ns:
             self._mesh_due_ns = (stamp // self._mesh_period_ns + 1) * self._mesh_period_ns
             self._positions_pub(convert.mesh_positions(stamp, self._frame, reading.x))
+        self._say_instruments(stamp, reading)
         self._health.beat(stamp, lambda: {'tick': tick, 'iterations': reading.iterations})
+
+    def _hear_instruments(self, inputs):
+        """The newest poses; without a new one an instrument is where it was."""
+        probe = inputs.get(graph.TRUTH_PROBE.name)
+        needle = inputs.get(graph.TRUTH_NEEDLE.name)
+        if probe:
+            self._probe = convert.pose_of(probe[-1].pose)
+        if needle:
+            self._needle = convert.needle_of(needle[-1])
+
+    def _say_instruments(self, stamp, reading):
+        if self._treated:
+            self._contact_pub(convert.probe_contact(stamp, self._frame, reading.probe))
+            self._needle_pub(convert.needle_wrench(stamp, self._frame, reading.needle_force,
+                                                   self._needle))
 
 
 def plant():

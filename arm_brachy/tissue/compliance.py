@@ -94,7 +94,7 @@ class Compliance:
         return out
 
     def of_nodes(self, nodes, force):
-        """Return forces (k, 3) [N] on nodes (k,) as a vector (3f,), and A^-1 of it from columns."""
+        """Return forces (k, 3) [N] on nodes (k,) as a vector (3f,), and A^-1 of it."""
         there = self._place[nodes] >= 0
         rows = self._rows(nodes[there])
         raw = dense.combination(self._columns, rows, force[there].ravel())

@@ -31,6 +31,8 @@ from arm_brachy.tissue.probe_contact import ProbeContact, ProbeState
 from arm_brachy.tissue.probe_reading import read, untouched
 
 MOST_ITERATIONS = 30
+# [m] No finer tolerance than this: skin under the probe's gel would show no difference.
+LOOSEST = 1e-7
 # A factor and the columns that it makes new cost as much as so many iterations.
 FACTOR_WORTH = 6
 SURE = 3            # iterations after which their pace is believed
@@ -59,11 +61,12 @@ class Instrumented(QuasiStatic):
 
     def __init__(self, body, options, instruments):
         super().__init__(body, options)
-        self._tolerance = max(self.statics.options.tolerance, 1e-7)
+        self._tolerance = max(self.statics.options.tolerance, LOOSEST)
         self._free = self.statics.free
         self._compliance = Compliance(self._free)
         self._face, self._law = instruments.probe, instruments.needle
-        self._contact = None if self._face is None else ProbeContact(body, self._face)
+        self._contact = None if self._face is None else ProbeContact(body, self._face,
+                                                                           instruments.layer)
         self._faces = boundary_faces(body.mesh)
 
     def start(self, x, t, fields):
@@ -119,6 +122,8 @@ class Instrumented(QuasiStatic):
         t, size, spent, fresh = 0.0, 1.0, 0, False
         while t < 1.0:
             ahead = min(1.0, t + size)
+            if not self._compliance.ready:  # lost where an iterate had no tangent to factorise
+                self._factorise(now.x, fields)
             try:
                 now = self._part(now, motion, t, ahead, np.zeros_like(now.x), fields)
             except OutOfBalance:
@@ -232,7 +237,7 @@ class _Motion:
 
 
 def _drawn_back(contact, x, X_WP):
-    """The ProbeState at the nearest pose along its axis, in steps of BACK, that touches nothing."""
+    """The ProbeState drawn back along its axis, in steps of BACK, until it touches nothing."""
     X_WP = X_WP.copy()
     while contact.gaps(x, X_WP).min() <= 0.0:
         X_WP[:3, 3] -= BACK * X_WP[:3, 2]

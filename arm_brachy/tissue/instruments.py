@@ -9,8 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from arm_brachy.tissue.contact import ContactLaw
 from arm_brachy.tissue.needle_load import NeedleLaw
 from arm_brachy.tissue.needle_path import NeedleInTissue
+from arm_brachy.tissue.probe_contact import GEL
 from arm_brachy.tissue.probe_face import ProbeFace
 from arm_brachy.tissue.probe_reading import ProbeReading
 
@@ -20,10 +22,12 @@ class Instruments:
     """What a plant has.
 
     probe : probe_face.ProbeFace;  needle : NeedleLaw of a needle outside the tissue; None = none
+    layer : contact.ContactLaw between probe and skin
     """
 
     probe: ProbeFace | None = None
     needle: NeedleLaw | None = None
+    layer: ContactLaw = GEL
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ class NeedleLoad:
         return self._stretch is None
 
     def directions(self):
-        """Return loads (2, n, 3) of a unit force: at the tip or the whole skin; along the shaft."""
+        """Return loads (2, n, 3) of a unit force: at the tip (or whole skin); along the shaft."""
         s = self._stretch
         return np.array([s.tip if self.before.law.punctured else s.skin, s.shaft])
 

@@ -32,7 +32,7 @@ class NeedleInTissue:
                              'be (k, 3), from the template to the tip, k >= 2')
 
     def at(self, depth):
-        """Return the needle with its tip at another depth [m]: cut, or longer by a straight end."""
+        """Return the needle with its tip at another depth [m]: cut, or with a straight end."""
         points = np.asarray(self.points, dtype=float)
         if depth == self.depth or _lengths(points)[-1] < SHORTEST:
             return self

@@ -13,8 +13,8 @@ from arm_brachy.tissue.free_dofs import held_nodes
 from arm_brachy.tissue.mesh import boundary_faces
 from arm_brachy.tissue.probe_patch import ProbePatch
 
-# Softer than under pads: gel lies between. At 10 kPa, the pressure of a hand that presses hard,
-# skin of 6 kPa yields to the face by 0.13 mm.
+# Softer than under pads: gel lies between, and a stiffer layer lets the facets of a coarse surface
+# catch on the probe's edges as it slides. At 10 kPa skin of 6 kPa lies 0.3 mm behind the face.
 GEL = ContactLaw(depth=1e-4, onset=3e-4)
 # The face is narrower than the triangles of a usual mesh: quadrature points every 1 to 2 mm.
 FINEST = 1.5e-3
@@ -41,7 +41,7 @@ class ProbeContact:
     Raises InputError for a body without free surface.
     """
 
-    def __init__(self, body, face, law=GEL):
+    def __init__(self, body, face, law):
         self.face, self.law = face, law.constants(body)
         faces = boundary_faces(body.mesh)
         faces = faces[~np.isin(faces, held_nodes(body)).all(axis=1)]

@@ -27,7 +27,7 @@ class ProbeFace:
     strips: int = 12    # equal parts along the elements for which the pressure is reported
 
     def __post_init__(self):
-        self.shape  # refuses what has no flat left
+        RoundedBox(self.width, self.thickness, self.edge_radius)  # refuses what has no flat left
 
     @property
     def shape(self):
