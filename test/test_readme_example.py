@@ -1,4 +1,4 @@
-"""The scene and the column map of the README are taken as they stand there."""
+"""The scene and the column map of the tutorial are taken as they stand there."""
 
 import re
 from pathlib import Path
@@ -8,6 +8,7 @@ import pytest
 from arm_brachy.core.scene import load_scene
 from arm_brachy.recording.import_csv import import_csv
 
+PAGE = Path(__file__).parents[1] / 'docs' / 'tutorials' / 'own_phantom.md'
 FILES = {'motors.csv': 't_ms,E_pos_mm,W_pos_mm\n0,0,0\n10,1,0\n',
          'cells.csv': 't_ms,E_load,W_load\n0,0,0\n10,2,0\n',
          'camera.csv': 'time,m1.X,m1.Y,m1.Z\n0,1,2,60\n0.02,-9999,-9999,-9999\n',
@@ -16,7 +17,7 @@ FILES = {'motors.csv': 't_ms,E_pos_mm,W_pos_mm\n0,0,0\n10,1,0\n',
 
 @pytest.fixture
 def laboratory(tmp_path):
-    text = (Path(__file__).parents[1] / 'README.md').read_text(encoding='utf-8')
+    text = PAGE.read_text(encoding='utf-8')
     for name, block in re.findall(r'```yaml\n# (\S+)\n(.*?)```', text, re.DOTALL):
         (tmp_path / name).write_text(block)
     for name, table in FILES.items():
@@ -24,7 +25,7 @@ def laboratory(tmp_path):
     return tmp_path
 
 
-def test_the_scene_of_the_readme_is_one(laboratory):
+def test_the_scene_of_the_tutorial_is_one(laboratory):
     scene = load_scene(laboratory / 'phantom.yaml')
     assert scene.pads[0].radius == 0.012 and scene.markers[1].body == 'east'
 

@@ -76,12 +76,13 @@ def rate(results):
                    f'{one["low_percent"]:.0f} to {one["high_percent"]:.0f} %)')
             for mode, one in right.items()}
     return textwrap.fill(
-        '**How often the diagnosis is right.** Of simulated recordings in which independent code '
-        'had hidden one cause that can be identified, the last five blind trials named the right '
-        f'cause first in {said["absolute"]}, '
-        f'and in {said["null"]} where a sound recording of the same rig was given too. Over all '
-        f'cases a cause was named wrongly, or no answer came, in {wrong["absolute"]["count"]} of '
-        f'{wrong["absolute"]["of"]} and {wrong["null"]["count"]} of {wrong["null"]["of"]}.', WIDTH)
+        '**How often the diagnosis is right.** In a blind trial, code that is independent of the '
+        'diagnosis simulates recordings with a hidden cause. Over the last five trials, the '
+        'diagnosis ranked the right cause first in '
+        f'{said["absolute"]} of the recordings with one identifiable cause, and in {said["null"]} '
+        'if it also received a recording of the same rig without a fault. It named a wrong cause, '
+        f'or gave no answer, in {wrong["absolute"]["count"]} of {wrong["absolute"]["of"]} and '
+        f'{wrong["null"]["count"]} of {wrong["null"]["of"]} of all recordings.', WIDTH)
 
 
 @dataclass(frozen=True)

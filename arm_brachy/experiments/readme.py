@@ -1,4 +1,4 @@
-"""Writes the generated parts of READMEs: nodes, terms, and what the files in results/ say.
+"""Writes the generated parts of README and docs/: nodes, terms, keys, figures of results/.
 
 `python -m arm_brachy.experiments.readme` rewrites what stands between `<!-- NAME: ... -->` and
 `<!-- end -->`; a test holds them to it.
@@ -7,6 +7,7 @@ Test: experiments/test_readme.py
 
 import json
 import re
+from functools import partial
 
 import numpy as np
 
@@ -17,17 +18,21 @@ from arm_brachy.experiments import (
     diagnosis_laboratories,
     diagnosis_totals,
     laboratory,
+    reference_tables,
 )
 from arm_brachy.experiments.dome_faults import study as dome_faults
 from arm_brachy.experiments.gel_block import study as gel_block
 from arm_brachy.experiments.half_cylinder import study as half_cylinder
 
-DOCUMENTS = ('README.md', 'results/trials/README.md')
+DOCUMENTS = ('README.md', 'results/trials/README.md',
+             *(f'docs/reference/{name}.md' for name in ('nodes', 'messages', 'terms', 'keys')),
+             *(f'docs/results/{name}.md' for name in ('blind_trial', 'planted_terms',
+                                                      'laboratories', 'thesis', 'solvers')))
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
 
 
 def rendered(text, results):
-    """Return the text of a README with every generated section made anew.
+    """Return the text of a document with every generated section made anew.
 
     results : folder with the JSON files of `arm-brachy reproduce` and `arm-brachy run`
     """
@@ -44,6 +49,30 @@ def _terms(results):
         spec = term.spec
         lines.append(f'| `{spec.name}` | {spec.kind.value} | {spec.summary} |')
     return '\n'.join(lines)
+
+
+def _headline(results):
+    """What a visitor asks first, a figure each, with the page that has the rest."""
+    errors = {loop: max(r[f'{loop}_error_mm'] for r in _load(results, 'table-3.1')['rows'])
+              for loop in ('closed', 'open')}
+    right = sum(r['right'] for study in (gel_block, half_cylinder, dome_faults)
+                for r in _load(results, study.NAME)['rows'])
+    planned = len(gel_block.CASES) + len(half_cylinder.CASES) + len(dome_faults.FAULTS)
+    seconds = {name: min(r['cpu_s'] for r in _timed(results)
+                         if (r['solver'], r['mesh'], r['element']) == (name, 'small', 'quadratic'))
+               for name in ('arm_brachy', 'FElupe + PARDISO')}
+    rows = (
+        ('Does the closed loop reach its goals? Largest steady-state error of 15 tasks',
+         f'{errors["closed"]:.3f} mm; without feedback {errors["open"]:.2f} mm',
+         '[thesis](docs/results/thesis.md)'),
+        ('Is the verdict right for three phantoms simulated by independent code? Cases',
+         f'{right} of {planned}',
+         '[independent recordings](docs/results/laboratories.md)'),
+        ('How fast is the tissue? CPU time of a 10 mm push, quadratic tetrahedra',
+         f'{seconds["arm_brachy"]:.2f} s; FElupe with PARDISO '
+         f'{seconds["FElupe + PARDISO"]:.2f} s', '[solver benchmark](docs/results/solvers.md)'))
+    return '\n'.join(['| question | figure | details |', '|---|---|---|',
+                      *('| ' + ' | '.join(row) + ' |' for row in rows)])
 
 
 def _results(results):
@@ -107,7 +136,7 @@ def _recording_rows(results):
 def _solvers(results):
     lines = ['| solver | mesh | element | CPU s | iterations | off by / um | wrong by / mm | '
              'wrong by, reaction / % |', '|---|---|---|---|---|---|---|---|']
-    rows = [r for r in _load(results, 'bench-solvers')['rows'] if r.get('cpu_s') is not None]
+    rows = _timed(results)
     for key in dict.fromkeys((r['solver'], r['mesh'], r['element']) for r in rows):
         best = min((r for r in rows if (r['solver'], r['mesh'], r['element']) == key),
                    key=lambda r: r['cpu_s'])
@@ -116,6 +145,10 @@ def _solvers(results):
         lines.append('| ' + ' | '.join((*key, *(_number(best[name], form)
                                                 for name, form in figures))) + ' |')
     return '\n'.join(lines)
+
+
+def _timed(results):
+    return [r for r in _load(results, 'bench-solvers')['rows'] if r.get('cpu_s') is not None]
 
 
 def _diagnosis(results):
@@ -138,6 +171,10 @@ def _half_cylinder(results):
     return laboratory.markdown(_load(results, half_cylinder.NAME))
 
 
+def _keys(name, results):
+    return reference_tables.keys(name)
+
+
 def _number(value, form):
     return '-' if value is None else f'{value:{form}}'
 
@@ -156,7 +193,9 @@ BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _s
             'faults': _dome_faults, 'gel': _gel_block, 'cylinder': _half_cylinder,
             'trials': blind_trials.markdown, 'scores': blind_trials.scores,
             'baselines': blind_trials.baselines, 'rate': blind_trials.rate,
-            'hides': blind_trials.hidden, 'alike': blind_trials.alike}
+            'hides': blind_trials.hidden, 'alike': blind_trials.alike,
+            'headline': _headline, 'messages': reference_tables.messages,
+            **{f'keys_{name}': partial(_keys, name) for name in reference_tables.FILES}}
 
 
 def main():

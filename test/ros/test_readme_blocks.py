@@ -1,13 +1,17 @@
-"""Every block of README is run as it stands, in a folder that has what it asks for.
+"""Every block of README and docs/ is run as it stands, in a folder that has what it asks for.
 
-Blocks of one kind are told by the comment before them:
-    set-up              make; looked at without being done, as a test runs inside what it makes
+The comment before a block says of which kind it is:
+    set-up              make; only a dry run, as a test runs inside what it makes
     ROS machine         an Ubuntu with ROS 2; the build is test_colcon_build.py's
-    laboratory          a laboratory's files, which are made here
+    laboratory          a laboratory's files, which are made here; those of one document together
     long, and laboratory, long      of minutes and hours: every command's words are parsed, its
                         scenarios are run by test_shipped_scenarios.py
-    node, node, second shell    together, with the Python block between them
-All others run in a folder like a clone's, its scenarios cut short.
+    node, node, second shell    together, with the script of the Python block between them
+    new term            the tutorial's files and line of the registry, in a copy of the tree
+    driver              the tutorial's package, installed beside the environment
+    driver, node        its node, which is started and heard
+All others run in a folder like a clone's, its scenarios cut short; `after the run` in the folder
+of the block before it. YAML blocks of docs/reference are excerpts.
 """
 
 import os
@@ -31,9 +35,16 @@ from arm_brachy.tissue.mesh import boundary_faces
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 ROOT = Path(__file__).parents[2]
-TEXT = (ROOT / 'README.md').read_text(encoding='utf-8')
+PAGES = {path.relative_to(ROOT).as_posix(): path.read_text(encoding='utf-8')
+         for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md')))}
+TUTORIAL = 'docs/tutorials/{}.md'.format
 BLOCK = re.compile(r'(?:<!-- ([a-zA-Z, -]+) -->\n)?```(\w+)\n(.*?)```', re.DOTALL)
-BLOCKS = [(m[1] or '', m[2], m[3]) for m in BLOCK.finditer(TEXT)]
+BLOCKS = [(page, m[1] or '', m[2], m[3]) for page, text in PAGES.items()
+          for m in BLOCK.finditer(text)]
+NAMED = re.compile(r'# (\S+?)(?::[^\n]*)?\n')      # the first line of a block that is a file
+KINDS = {'', 'set-up', 'ROS machine', 'laboratory', 'laboratory, long', 'long', 'node',
+         'node, second shell', 'node, script', 'after the run', 'new term', 'driver',
+         'driver, node'}
 SIZE = (0.1, 0.04, 0.06)    # m, of the phantom, on z = 0
 BRIEF = {'tasks': {'duration_s': 4.0, 'displacement_mm': [-1, 0, 0]},
          'moves': {'hold_s': 0.2, 'cycles': 0}}
@@ -41,22 +52,36 @@ T = np.arange(0.0, 3.0, 0.02)
 PUSH = np.interp(T, [0, 0.5, 1, 1.5, 2, 3], [0, 0, 4, 4, 0, 0])    # mm, of the eastern pad
 
 
-def blocks(kind, language='bash'):
-    found = [text for name, lang, text in BLOCKS if (name, lang) == (kind, language)]
+def blocks(kind, language='bash', page=None):
+    found = [text for where, name, lang, text in BLOCKS
+             if (name, lang) == (kind, language) and page in (None, where)]
     assert found
     return found
 
 
-def activated():
+def write_files(folder, *, kind, page):
+    """Write the blocks of a kind that begin with `# path`; returns the paths."""
+    paths = []
+    for where, name, lang, text in BLOCKS:
+        if (where, name) == (page, kind) and lang != 'bash' and NAMED.match(text):
+            path = folder / NAMED.match(text)[1]
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+            paths.append(path)
+    assert paths
+    return paths
+
+
+def activated(**more):
     """The environment of a shell after `source .venv/bin/activate`."""
     path = f'{Path(sys.prefix) / "bin"}{os.pathsep}{os.environ["PATH"]}'
-    return {**os.environ, 'PATH': path}
+    return {**os.environ, 'PATH': path, **more}
 
 
-def bash(text, folder):
+def bash(text, folder, **more):
     """Run a block as a shell would; returns what it printed."""
     done = subprocess.run(['bash', '-e', '-c', text], cwd=folder, text=True, capture_output=True,
-                          timeout=900, check=False, env=activated())
+                          timeout=900, check=False, env=activated(**more))
     assert done.returncode == 0, f'{text}\n{done.stdout}\n{done.stderr}'
     return done.stdout
 
@@ -74,12 +99,11 @@ def clone(tmp_path):
     return tmp_path
 
 
-@pytest.fixture(scope='module')
-def laboratory(tmp_path_factory):
-    """The files that the recipe names: a surface, tables of a push, and the YAML of README."""
-    folder = tmp_path_factory.mktemp('laboratory')
-    for name, text in re.findall(r'```yaml\n# (\S+)\n(.*?)```', TEXT, re.DOTALL):
-        (folder / name).write_text(text)
+@pytest.fixture
+def laboratory(tmp_path):
+    """The files that the recipe names: a surface, tables of a push, and the YAML of its page."""
+    folder = tmp_path
+    write_files(folder, kind='', page=TUTORIAL('own_phantom'))
     write_stl(folder / 'phantom.stl')
     push = folder / 'monday' / 'push_1'
     push.mkdir(parents=True)
@@ -111,11 +135,11 @@ def write_table(path, names, *columns):
 
 
 def test_every_block_is_of_a_kind_that_is_run():
-    kinds = {'', 'set-up', 'ROS machine', 'laboratory', 'laboratory, long', 'long', 'node',
-             'node, second shell'}
-    assert {name for name, lang, _ in BLOCKS if lang == 'bash'} == kinds
-    assert {lang for _, lang, _ in BLOCKS} == {'bash', 'python', 'yaml'}
-    assert not re.search(r'\n\n    \S', re.sub(r'```.*?```', '', TEXT, flags=re.DOTALL))
+    assert {name for _, name, lang, _ in BLOCKS if lang == 'bash'} == KINDS - {'node, script'}
+    assert {lang for _, _, lang, _ in BLOCKS} == {'bash', 'python', 'yaml', 'toml', 'text'}
+    for text in PAGES.values():
+        assert not re.search(r'\n\n    \S', re.sub(r'```.*?```', '', text, flags=re.DOTALL))
+        assert text.count('```') == 2 * len(BLOCK.findall(text))
 
 
 @pytest.mark.parametrize('text', blocks('set-up'))
@@ -140,19 +164,45 @@ def test_what_a_ros_machine_types_names_what_is_there(text):
                          for n in named)
 
 
-@pytest.mark.parametrize('text', blocks(''))
-def test_a_block_runs_in_a_clone(text, clone):
-    printed = bash(text, clone)
-    assert printed.count('report  ') >= text.count('arm-brachy')
+def runs():
+    """(page, blocks that run one after the other in one clone)."""
+    found = []
+    for page, name, lang, text in BLOCKS:
+        if (name, lang) == ('', 'bash'):
+            found.append((page, [text]))
+        elif name == 'after the run':
+            assert found[-1][0] == page
+            found[-1][1].append(text)
+    once = {}       # a first run stands in README and in its tutorial
+    for page, texts in found:
+        once[texts[0]] = max(once.get(texts[0], (page, [])), (page, texts),
+                             key=lambda one: len(one[1]))
+    return list(once.values())
+
+
+@pytest.mark.parametrize(('page', 'texts'), runs())
+def test_a_block_runs_in_a_clone(page, texts, clone):
+    for text in texts:
+        printed = bash(text, clone)
+        assert printed.count('report  ') >= text.count('arm-brachy'), page
 
 
 def test_the_recipe_runs_from_files_to_a_replay(laboratory):
-    for text in blocks('laboratory'):
+    for text in blocks('laboratory', page=TUTORIAL('own_phantom')):
         printed = bash(text, laboratory)
     assert (laboratory / 'phantom.png').stat().st_size > 10_000
     for stream in ('optical', 'em', 'force'):
         assert (laboratory / 'runs/push_1_replayed' / f'report_{stream}.html').is_file()
         assert f'report_{stream}.html' in printed
+
+
+def test_the_two_commands_of_the_readme_are_those_of_the_recipe():
+    """README's import and diagnosis are run, or parsed, as lines of the tutorial."""
+    recipe = ''.join(text for kind in ('laboratory', 'laboratory, long')
+                     for text in blocks(kind, page=TUTORIAL('own_phantom')))
+    for kind in ('laboratory', 'laboratory, long'):
+        (text,) = blocks(kind, page='README.md')
+        assert text in recipe
 
 
 @pytest.mark.parametrize('text', [*blocks('laboratory, long'), *blocks('long')])
@@ -167,10 +217,9 @@ def test_words_of_a_long_command_are_those_it_knows(text):
 
 
 def test_one_node_in_one_shell_moves_for_another(clone, ros_domain_id):
-    """Whatever domain README has, here it is that of the test."""
+    """Whatever domain the tutorial has, here it is that of the test."""
     first, second = (blocks(kind)[0] for kind in ('node', 'node, second shell'))
-    (script,) = blocks('', 'python')
-    (clone / re.match(r'# (\S+?):', script)[1]).write_text(script)
+    write_files(clone, kind='node, script', page=TUTORIAL('first_scenario'))
     own = f'ROS_DOMAIN_ID={os.environ["ROS_DOMAIN_ID"]}'
     first, second = (re.sub(r'ROS_DOMAIN_ID=\d+', own, text) for text in (first, second))
     driver = subprocess.Popen(['bash', '-c', first], cwd=clone, env=activated(),
@@ -183,3 +232,66 @@ def test_one_node_in_one_shell_moves_for_another(clone, ros_domain_id):
         driver.wait(20)
     ends = [float(line.split()[0]) for line in printed.splitlines() if line.endswith('mm')]
     assert ends[-1] > 4.9 and ends[0] < 1.0
+
+
+@pytest.fixture
+def new_term(tmp_path):
+    """A copy of the tree with the files of the tutorial on terms and its lines in the registry."""
+    for name in ('arm_brachy', 'config', 'docs', 'msg_defs', 'results', 'test'):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    for name in ('README.md', 'pyproject.toml', 'package.xml'):
+        shutil.copy(ROOT / name, tmp_path)
+    registry = tmp_path / 'arm_brachy' / 'registry.py'
+    before = registry.read_text(encoding='utf-8')
+    write_files(tmp_path, kind='new term', page=TUTORIAL('adding_a_term'))
+    _, line, *order = registry.read_text(encoding='utf-8').splitlines(keepends=True)
+    start = before.index('    MarkerSlip, OpticalScale')
+    registry.write_text(line + before[:start] + ''.join(order) + before[before.index(')', start):])
+    return tmp_path
+
+
+def test_a_new_term_is_one_file_its_test_and_a_line(new_term):
+    (text,) = blocks('new term')
+    printed = bash(text, new_term, PYTHONPATH=str(new_term))
+    assert 'EM positions drift' in printed and 'rate_mm_s' in printed
+    assert '`em_drift`' in (new_term / 'docs/reference/terms.md').read_text(encoding='utf-8')
+
+
+@pytest.fixture
+def driver(clone):
+    """(folder, environment): the driver's package written and installed beside the environment."""
+    page = TUTORIAL('hardware_driver')
+    write_files(clone, kind='driver', page=page)
+    write_files(clone, kind='', page=page)
+    beside = clone / 'beside'
+    more = {'PIP_TARGET': str(beside), 'PYTHONPATH': f'{beside}{os.pathsep}{ROOT}'}
+    return clone, more
+
+
+def test_a_driver_from_a_package_moves_refuses_and_serves_its_node(driver, ros_domain_id):
+    folder, more = driver
+    printed = [bash(text, folder, **more) for text in blocks('driver')]
+    (expected,) = blocks('', 'text', page=TUTORIAL('hardware_driver'))
+    assert printed[-1] == expected
+    (text,) = blocks('driver, node')
+    node = subprocess.Popen(['bash', '-c', text], cwd=folder, env=activated(**more),
+                            start_new_session=True)
+    try:
+        assert bash(HEARD, folder, **more).split() == ['12.0'] * 4      # homes only when asked
+    finally:
+        os.killpg(node.pid, signal.SIGINT)
+        node.wait(20)
+
+
+HEARD = """python -c "
+import rclpy
+from sensor_msgs.msg import JointState
+rclpy.init()
+node, heard = rclpy.create_node('listener'), []
+node.create_subscription(JointState, 'actuators/state', heard.append, 10)
+while not heard:
+    rclpy.spin_once(node, timeout_sec=0.1)
+print(*(round(1e3 * q, 3) for q in heard[0].position))
+rclpy.shutdown()
+"
+"""
