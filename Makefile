@@ -37,7 +37,7 @@ validate: setup
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict --quiet
-	@echo 'site/index.html'
+	@echo 'site/index.html      with search: python -m http.server -d site, then http://localhost:8000'
 
 clean:
 	rm -rf .venv site
