@@ -1,8 +1,9 @@
-"""MkDocs hook: pages that live beside the code join the site, and links lead to them.
+"""MkDocs hook: pages that live beside the code join the site, links lead to them, keys are listed.
 
 A page in docs/ links into the repository as GitHub reads it (`../results/x.png`). The site has the
 repository's layout with docs/ as its root: README.md is its front page, every other file that a
-page links to is copied to its path in the repository.
+page links to is copied to its path in the repository. `<!-- keys: FILE -->` becomes the table of
+the keys of that file.
 Test: test_docs.py
 """
 
@@ -12,11 +13,14 @@ from pathlib import Path
 
 from mkdocs.structure.files import File
 
+from arm_brachy.experiments import reference_tables
+
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = 'docs/'
 FRONT = {'README.md': 'index.md'}
 SKIPPED = ('.venv', 'build', 'docs', 'install', 'log', 'runs', 'site')
 FENCED = re.compile(r'(^```.*?^```)', re.DOTALL | re.MULTILINE)
+KEYS = re.compile(r'<!-- keys: (\w+) -->')
 LINK = re.compile(r'(?<=\]\()([^)\s:#]+)(#[^)\s]*)?(?=\))')
 
 
@@ -61,7 +65,7 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, config, files):
-    """Turn links of the repository into links of the site."""
+    """Turn links of the repository into links of the site; fill in tables of keys."""
     name = source(page.file.src_uri)
 
     def turned(match):
@@ -69,6 +73,7 @@ def on_page_markdown(markdown, page, config, files):
         start = posixpath.dirname(page.file.src_uri) or '.'
         return posixpath.relpath(place(path), start) + (match[2] or '')
 
+    markdown = KEYS.sub(lambda match: reference_tables.keys(match[1]), markdown)
     parts = FENCED.split(markdown)
     parts[::2] = [LINK.sub(turned, part) for part in parts[::2]]
     return ''.join(parts)

@@ -11,6 +11,8 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from arm_brachy.cli import COMMANDS
+from arm_brachy.cli.tables import FILES
+from arm_brachy.core.config import key_rows
 
 ROOT = Path(__file__).parents[1]
 WRITTEN = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
@@ -39,7 +41,7 @@ def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp('site')
     done = subprocess.run([sys.executable, '-m', 'mkdocs', 'build', '--strict', '--quiet',
                            '--site-dir', folder], cwd=ROOT, text=True, capture_output=True,
-                          timeout=300, check=False,
+                          timeout=600, check=False,
                           env={**os.environ, 'NO_MKDOCS_2_WARNING': '1'})
     assert done.returncode == 0, done.stderr
     return folder
@@ -69,6 +71,12 @@ def test_every_internal_link_of_the_site_leads_somewhere(pages):
 def test_a_reader_loads_nothing_from_elsewhere(pages):
     assert not [(path.name, link) for path, page in pages.items() for tag, link in page.links
                 if tag in ('link', 'script', 'img') and urlsplit(link).netloc]
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_every_key_is_on_the_page_of_keys(site, name):
+    text = (site / 'reference' / 'keys.html').read_text(encoding='utf-8')
+    assert not [key for key, *_ in key_rows(FILES[name]) if f'<code>{key}</code>' not in text]
 
 
 def test_pages_beside_the_code_are_in_the_site(site):

@@ -1,4 +1,4 @@
-"""Writes the generated parts of README and docs/: nodes, terms, keys, figures of results/.
+"""Writes the generated parts of README and docs/: nodes, messages, terms, results/.
 
 `python -m arm_brachy.experiments.readme` rewrites what stands between `<!-- NAME: ... -->` and
 `<!-- end -->`; a test holds them to it.
@@ -7,7 +7,6 @@ Test: experiments/test_readme.py
 
 import json
 import re
-from functools import partial
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from arm_brachy.experiments.gel_block import study as gel_block
 from arm_brachy.experiments.half_cylinder import study as half_cylinder
 
 DOCUMENTS = ('README.md', 'results/trials/README.md',
-             *(f'docs/reference/{name}.md' for name in ('nodes', 'messages', 'terms', 'keys')),
+             *(f'docs/reference/{name}.md' for name in ('nodes', 'messages', 'terms')),
              *(f'docs/results/{name}.md' for name in ('blind_trial', 'planted_terms',
                                                       'laboratories', 'thesis', 'solvers')))
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
@@ -171,10 +170,6 @@ def _half_cylinder(results):
     return laboratory.markdown(_load(results, half_cylinder.NAME))
 
 
-def _keys(name, results):
-    return reference_tables.keys(name)
-
-
 def _number(value, form):
     return '-' if value is None else f'{value:{form}}'
 
@@ -194,8 +189,7 @@ BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _s
             'trials': blind_trials.markdown, 'scores': blind_trials.scores,
             'baselines': blind_trials.baselines, 'rate': blind_trials.rate,
             'hides': blind_trials.hidden, 'alike': blind_trials.alike,
-            'headline': _headline, 'messages': reference_tables.messages,
-            **{f'keys_{name}': partial(_keys, name) for name in reference_tables.FILES}}
+            'headline': _headline, 'messages': reference_tables.messages}
 
 
 def main():

@@ -1,6 +1,6 @@
 """Tables of the reference pages: keys of every file, fields of every message.
 
-Test: experiments/test_readme.py
+Test: experiments/test_readme.py, test_docs.py
 """
 
 import re
