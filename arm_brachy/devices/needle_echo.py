@@ -47,13 +47,25 @@ class NeedleEcho:
         tip : (3,) [m] in the probe's frame;  axis : (3,) unit vector of insertion there
         """
         image = np.zeros((self._image.height, self._image.width), dtype=np.float32)
-        pierced, visible = self.crossing(tip, axis)
-        level = self._head * visible
-        at = pierced[2]
-        while level > _FAINTEST:
-            _add_spot(image, pierced[0], at, level, self._image)
-            level, at = level * self._decay, at + self._spacing
+        self.add_to(image, tip, axis)
         return image
+
+    def add_to(self, envelope, tip, axis):
+        """Add the echo to the envelope (height, width) float32 of the tissue, in place.
+
+        Amplitudes add as independent ones do; a strong reflector hides the speckle.
+        """
+        pierced, visible = self.crossing(tip, axis)
+        columns, _ = _span(pierced[0], pierced[2], self._image)
+        if not len(columns):
+            return
+        band = np.zeros((self._image.height, len(columns)), dtype=np.float32)
+        level, at = self._head * visible, pierced[2]
+        while level > _FAINTEST:
+            _add_spot(band, pierced[0], at, level, self._image)
+            level, at = level * self._decay, at + self._spacing
+        part = envelope[:, columns[0]:columns[-1] + 1]
+        part[...] = cv2.magnitude(np.ascontiguousarray(part), band)
 
     def crossing(self, tip, axis):
         """Return where the plane sees the needle (3,) [m], and how brightly, 0 to 1.
@@ -68,20 +80,25 @@ class NeedleEcho:
         return tip, float(np.exp(-0.5 * (tip[1] / sy)**2))
 
 
-def _add_spot(image, x, z, level, params):
-    """Add a Gaussian of the beam's width at (x, z) [m]; what lies outside is left out."""
-    size, pixel, sigma = image.shape, params.pixel, params.sigma[[0, 2]]
-    centre = np.array([x, z]) / pixel + [0.5 * (size[1] - 1), 0.0]
+def _span(x, z, params):
+    """Columns and rows of the image that a spot at (x, z) [m] reaches."""
+    pixel, sigma = params.pixel, params.sigma[[0, 2]]
+    centre = _pixels(x, z, params)
     reach = np.ceil(3.0 * sigma / pixel).astype(int)
-    u, v = (np.arange(max(0, int(c) - r), min(n, int(c) + r + 2)) for c, r, n in
-            zip(centre, reach, size[::-1], strict=True))
-    if not (len(u) and len(v)):
+    return tuple(np.arange(max(0, int(c) - r), min(n, int(c) + r + 2))
+                 for c, r, n in zip(centre, reach, (params.width, params.height), strict=True))
+
+
+def _pixels(x, z, params):
+    return np.array([x, z]) / params.pixel + [0.5 * (params.width - 1), 0.0]
+
+
+def _add_spot(band, x, z, level, params):
+    """Add a Gaussian of the beam's width at (x, z) [m] to the columns that it reaches."""
+    u, v = _span(x, z, params)
+    if not len(v):
         return
     across, down = (np.exp(-0.5 * ((k - c) * w / s)**2) for k, c, w, s in
-                    zip((u, v), centre, pixel, sigma, strict=True))
-    image[v[0]:v[-1] + 1, u[0]:u[-1] + 1] += level * np.outer(down, across).astype(np.float32)
-
-
-def with_needle(speckle, echo):
-    """Return the envelope of tissue and needle together; a strong reflector hides the speckle."""
-    return cv2.magnitude(speckle, echo)
+                    zip((u, v), _pixels(x, z, params), params.pixel, params.sigma[[0, 2]],
+                        strict=True))
+    band[v[0]:v[-1] + 1] += level * np.outer(down, across).astype(np.float32)

@@ -96,10 +96,12 @@ class ImageFormer:
         energy = [k.sum()**2 * w / (2.0 * np.sqrt(np.pi) * s)
                   for k, w, s in zip(self._kernels, pixel, sigma, strict=True)]
         sheet = params.density * np.sqrt(np.pi) * params.sigma[1]
-        self.plain = float(np.sqrt(sheet * np.prod(energy) * np.prod(pixel)))
+        plain = float(np.sqrt(sheet * np.prod(energy) * np.prod(pixel)))
+        self._kernels[0] = self._kernels[0] / plain
 
     def signal(self, points, amplitude):
-        """Return the baseband image (height, width, 2), real and imaginary part, float32.
+        """Return the baseband image (height, width, 2), real and imaginary part, float32; its root
+        mean square is 1 in plain tissue.
 
         points : (n, 3) [m] in the probe's frame, origin in the middle of its face
         amplitude : (n,) echo amplitudes, 1 = plain tissue
@@ -129,7 +131,7 @@ class ImageFormer:
         return cv2.sepFilter2D(grid, -1, *self._kernels, borderType=cv2.BORDER_CONSTANT)
 
     def _magnitude(self, signal):
-        return cv2.magnitude(signal[..., 0], signal[..., 1]) / np.float32(self.plain)
+        return cv2.magnitude(signal[..., 0], signal[..., 1])
 
     def envelope(self, points, amplitude):
         """Return the envelope (height, width), its root mean square 1 in plain tissue."""

@@ -19,7 +19,7 @@ import numpy as np
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.quantity import quantity
-from arm_brachy.devices.needle_echo import NeedleEcho, NeedleEchoParams, with_needle
+from arm_brachy.devices.needle_echo import NeedleEcho, NeedleEchoParams
 from arm_brachy.devices.overlay import overlay
 from arm_brachy.devices.sampling import SampleTimes
 from arm_brachy.devices.speckle import EchoRegion, TissueScatterers
@@ -157,7 +157,7 @@ class Imager:
         envelope, seen = self._former.tissue(self._scatterers, (x - p) @ R)
         needle = _crossing(None if shaft is None else (shaft - p) @ R)
         if needle is not None:
-            envelope = with_needle(envelope, self._echo.envelope(*needle))
+            self._echo.add_to(envelope, *needle)
         share = self._aperture(pressure)
         if share is not None:
             envelope = envelope * share

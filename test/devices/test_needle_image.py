@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from arm_brachy.devices.needle_echo import NeedleEcho, NeedleEchoParams, with_needle
+from arm_brachy.devices.needle_echo import NeedleEcho, NeedleEchoParams
 from arm_brachy.devices.tip_detector import TipDetector, TipDetectorParams
 from arm_brachy.devices.ultrasound import ImageFormer, UltrasoundParams, scatterers
 
@@ -63,8 +63,9 @@ def test_the_detector_finds_it_within_half_a_millimetre_in_95_of_100_images(back
     detector = TipDetector(TipDetectorParams(), IMAGE, NEEDLE)
     errors, missed = [], 0
     for k, (x, z) in enumerate(places(120)):
-        echo = ECHO.envelope([x, 0.0, z], ACROSS)
-        picture = FORMER.compress(with_needle(backgrounds[k % BACKGROUNDS], echo))
+        envelope = backgrounds[k % BACKGROUNDS].copy()
+        ECHO.add_to(envelope, [x, 0.0, z], ACROSS)
+        picture = FORMER.compress(envelope)
         offset = 0.004 * np.array([np.cos(k), np.sin(k)])
         seen = detector.find(picture, np.array([x, z]) + offset)
         missed += not seen.found
