@@ -14,6 +14,7 @@ NODES = (
     'em_tracker',
     'optical_tracker',
     'force_sensor',
+    'probe_controller',
     'kf_admm_estimator',
     'graph_vae_estimator',
     'map_estimator',

@@ -349,6 +349,21 @@ def build_surface_scanner(cell):
                           stream(cell.scenario.seed, 'surface_scanner'))
 
 
+def build_probe_arm(cell):
+    """The arm that holds the probe, at rest at home, its sensor weighed.
+
+    Its strategies see the skin from the middle of the model's mesh.
+    """
+    # Imported when one is built: PyBullet would cost every process half a second.
+    arm = importlib.import_module('arm_brachy.robot.probe_arm')
+    params = cell.scenario.probe
+    if params.surface == 'model' and cell.scenario.feedback == 'em':
+        raise ConfigError(f"{cell.path}: probe: surface = 'model' with feedback = 'em'; must be "
+                          "scan, or feedback an estimator, whose mesh is the model's")
+    return arm.ProbeArm(params, stream(cell.scenario.seed, 'probe_arm'),
+                        inside=load_scene_mesh(cell.model).nodes.mean(axis=0))
+
+
 def build_procedure(cell):
     """The scenario's procedure, with the arc that needles of this kind nominally take."""
     template, params = build_template(cell), cell.scenario.needle

@@ -34,6 +34,7 @@ from arm_brachy.estimation.kf_admm import KfAdmmParams
 from arm_brachy.estimation.live import EstimationParams
 from arm_brachy.estimation.map import MapParams, own_mesh
 from arm_brachy.estimation.pod import PodParams
+from arm_brachy.robot.probe_arm_params import ProbeArmParams
 from arm_brachy.robot.template import TemplateParams
 
 ROS_NAME = re.compile('[A-Za-z][A-Za-z0-9_]*')  # a token of a topic name
@@ -138,6 +139,7 @@ class Scenario:
     needle: NeedleDriverParams = field(default_factory=NeedleDriverParams)
     ultrasound: ImagerParams = field(default_factory=ImagerParams)
     scanner: ScannerParams = field(default_factory=ScannerParams)
+    probe: ProbeArmParams = field(default_factory=ProbeArmParams)
     procedure: ProcedureParams | None = None
 
 

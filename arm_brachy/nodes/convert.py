@@ -32,6 +32,7 @@ from arm_brachy_msgs.msg import (
     OpticalFrame,
     PadState,
     ProbeContact,
+    ProbeState,
     StepOutcome,
     TaskState,
     ToolStatus,
@@ -343,3 +344,25 @@ def cloud_points(msg):
     """(n, 3) [m] of a PointCloud2 with float32 x, y, z first in each point."""
     raw = np.frombuffer(bytes(msg.data), dtype=np.uint8).reshape(-1, msg.point_step)
     return np.ascontiguousarray(raw[:, :12]).view('<f4').astype(float)
+
+
+def probe_state(t_ns, frame, step):
+    """ProbeState from a robot.probe_arm.ProbeArmStep."""
+    return ProbeState(
+        header=header(t_ns, frame), phase=int(step.phase), in_contact=step.in_contact,
+        force_goal=step.force_goal, force=floats(step.force), out_of_plane=step.out_of_plane,
+        goal=_pose(step.goal_R, step.goal_p), torque=step.torque, outcome=step.outcome.name,
+        message=step.message)
+
+
+def probe_joints(t_ns, frame, names, step):
+    """sensor_msgs/JointState from a robot.probe_arm.ProbeArmStep."""
+    return JointState(header=header(t_ns, frame), name=list(names), position=floats(step.q),
+                      velocity=floats(step.dq), effort=floats(step.torque))
+
+
+def probe_wrench(t_ns, frame, step):
+    """geometry_msgs/WrenchStamped from a robot.probe_arm.ProbeArmStep; frame : of the probe."""
+    msg = WrenchStamped(header=header(t_ns, frame))
+    msg.wrench.force, msg.wrench.torque = vector(step.wrench[:3]), vector(step.wrench[3:])
+    return msg

@@ -9,6 +9,7 @@ the acceleration, and nothing in a steady sweep.
 
 from dataclasses import dataclass, replace
 
+import numba
 import numpy as np
 
 from arm_brachy.core.errors import InputError
@@ -55,8 +56,9 @@ class ToolLoad:
 
         reading : (6,);  R : (3, 3) of the sensor in the base frame;  gravity : (3,) [m/s2] there
         """
-        weight = self.mass * (R.T @ gravity)
-        return reading - self.bias - np.concatenate([weight, np.cross(self.centre, weight)])
+        left = reading - self.bias
+        tool_weight(R, gravity, self.mass, self.centre, -1.0, left)
+        return left
 
 
 class ForceTorqueSensor:
@@ -70,16 +72,36 @@ class ForceTorqueSensor:
         self._noise = np.repeat([params.force_noise, params.moment_noise], 3)
         self._step = params.drift * np.sqrt(period / _MINUTE)
 
+    def errors(self, periods):
+        """Return (periods, 6): zero and noise of the next readings, drawn in one block."""
+        walk = np.cumsum(self._step * self._rng.normal(size=(periods, 3)), axis=0)
+        noise = self._noise * self._rng.normal(size=(periods, 6))
+        zero = np.tile(self._bias, (periods, 1))
+        zero[:, :3] += walk
+        self._bias = zero[-1].copy()
+        return zero + noise
+
     def read(self, R, gravity, contact):
         """Return the reading (6,).
 
         R, gravity : as in `ToolLoad.contact`;  contact : (6,) wrench on the probe, sensor frame
         """
-        self._bias[:3] += self._step * self._rng.normal(size=3)
-        weight = self._tool.mass * (R.T @ gravity)
-        moment = np.cross(self._tool.centre, weight)
-        return (contact + np.concatenate([weight, moment]) + self._bias
-                + self._noise * self._rng.normal(size=6))
+        reading = contact + self.errors(1)[0]
+        tool_weight(R, gravity, self._tool.mass, self._tool.centre, 1.0, reading)
+        return reading
+
+
+@numba.njit(cache=True)
+def tool_weight(R, gravity, mass, centre, sign, reading):
+    """Add sign times what a tool weighs to a reading (6,), in place.
+
+    R : (3, 3) of the sensor in the base frame;  gravity : (3,) there;  centre : (3,) of mass
+    """
+    f = sign * mass * (R.T @ gravity)
+    reading[:3] += f
+    reading[3] += centre[1] * f[2] - centre[2] * f[1]
+    reading[4] += centre[2] * f[0] - centre[0] * f[2]
+    reading[5] += centre[0] * f[1] - centre[1] * f[0]
 
 
 def calibrate(readings, rotations, gravity):
@@ -117,12 +139,15 @@ class BiasTracker:
 
     def __init__(self, load, time_constant=2.0, period=1e-3):
         """load : ToolLoad to start from;  time_constant : [s]"""
-        self.load, self._share = load, period / time_constant
+        self.load, self._rate = load, period / time_constant
 
-    def step(self, reading, R, gravity):
-        """Take a reading in the air; the load's bias follows."""
+    def step(self, reading, R, gravity, periods=1):
+        """Take a reading in the air; the load's bias follows.
+
+        periods : that the reading is the mean of, few beside the time constant
+        """
         left = self.load.contact(reading, R, gravity)
-        self.load = replace(self.load, bias=self.load.bias + self._share * left)
+        self.load = replace(self.load, bias=self.load.bias + periods * self._rate * left)
 
 
 def _cross_matrix(v):

@@ -14,11 +14,12 @@ def joint_friction(dq):
     Valid for moving joints: it has no stiction, so a simulated joint at rest creeps under load.
     Source: Gaz et al. 2019, supplementary eq. and table IX (see `panda_parameters`).
     """
-    return _friction(np.asarray(dq, dtype=float), panda.FRICTION_LEVEL, panda.FRICTION_SLOPE,
-                     panda.FRICTION_SHIFT)
+    return friction_torque(np.asarray(dq, dtype=float), panda.FRICTION_LEVEL,
+                           panda.FRICTION_SLOPE, panda.FRICTION_SHIFT)
 
 
 @numba.njit(cache=True)
-def _friction(dq, level, slope, shift):
+def friction_torque(dq, level, slope, shift):
+    """Compiled body of `joint_friction` with phi1, phi2, phi3 given."""
     at_rest = level / (1.0 + np.exp(-slope * shift))
     return level / (1.0 + np.exp(-slope * (dq + shift))) - at_rest

@@ -1,7 +1,7 @@
 """Cartesian impedance with hybrid force control along the probe's axis, at a kilohertz.
 
     tau = J^T (F_pose + F_force) + C dq + g + friction + N (posture) ,  then the limits
-    F_pose  = K e + D (v_d - v)   in the directions that the pose controls,
+    F_pose  = A a_d + K e + D (v_d - v)   in the directions that the pose controls,
               e = (p_d - p, Log R_d R^T), each clipped in length
     F_force = z (f_d + k_p (f_d - f) + k_i int (f_d - f) dt - d v_z)   along the probe's axis z
     D = zeta (A^1/2 K^1/2 + K^1/2 A^1/2),  A = (J M^-1 J^T)^-1   (square-root damping design)
@@ -26,10 +26,10 @@ from arm_brachy.robot.rigid_body import (
     end_effector,
     frames,
     mass_matrix,
-    newton_euler,
     point_jacobian,
 )
 
+_STILL = np.zeros(3)
 _CLOSEST = 1e-4      # rad, below which a joint limit pushes no harder
 
 
@@ -120,10 +120,16 @@ class ImpedanceController:
             gains = self._gains
             grown = self._integral + gains.force_rate * self._period * (command.force - force)
             self._integral = min(max(grown, -gains.force_most), gains.force_most)
-        wanted = _torque(
-            arm.dh, arm.mass, arm.centre, arm.inertia, arm.tip, arm.gravity, self._gains,
-            self._posture, limits.low, limits.high, q, dq, command.R, command.p, command.v,
-            command.w, command.force, command.in_contact, force, self._integral)
+        Rs, ps = frames(arm.dh, q)
+        p = end_effector(Rs, ps, arm.tip)
+        J = point_jacobian(Rs, ps, p, len(q))
+        A, D, N = shaped(mass_matrix(Rs, ps, arm.mass, arm.centre, arm.inertia), J, self._gains)
+        axial = axial_force(command.force, force, self._integral,
+                            Rs[-1, :, 2] @ (J[:3] @ dq), self._gains)
+        wanted = (impedance_torque(J, Rs[-1], p, A, D, N, self._gains, self._posture, limits.low,
+                                   limits.high, q, dq, command.R, command.p, command.v, command.w,
+                                   _STILL, _STILL, command.in_contact, axial)
+                  + arm.torque(q, dq, np.zeros(len(q))))
         if self._torque is None:
             self._torque = arm.gravity_torque(q)
         change = limits.torque_rate * self._period
@@ -141,42 +147,61 @@ def _inverse_and_root(B):
 
 
 @numba.njit(cache=True)
-def _torque(dh, mass, centre, inertia, tip, gravity, gains, posture, low, high, q, dq, R_goal,
-            p_goal, v_goal, w_goal, f_goal, in_contact, force, integral):
-    n = len(q)
-    Rs, ps = frames(dh, q)
-    R, p = Rs[-1], end_effector(Rs, ps, tip)
-    J = point_jacobian(Rs, ps, p, n)
-    M = mass_matrix(Rs, ps, mass, centre, inertia)
+def shaped(M, J, gains):
+    """Return (A (6, 6) inertia, D (6, 6) damping, N (7, 7) null space projector) in a pose.
+
+    M, J : mass matrix and Jacobian there;  gains : Gains
+    Both change with the pose, so slowly that a few periods may pass between two calls.
+    """
     M_inv = np.linalg.inv(M)
-    twist = J @ dq
-    mobility = J @ M_inv @ J.T
+    JM = J @ M_inv
+    mobility = JM @ J.T
     for i in range(6):
         mobility[i, i] += gains.singular
     A, root = _inverse_and_root(mobility)
-    k = np.empty(6)
-    k[:3], k[3:] = gains.stiffness, gains.turning_stiffness
-    root *= np.sqrt(k)
-    D = gains.damping_ratio * (root + root.T)
-    e, rate = np.empty(6), np.empty(6)
+    root[:, :3] *= np.sqrt(gains.stiffness)
+    root[:, 3:] *= np.sqrt(gains.turning_stiffness)
+    return A, gains.damping_ratio * (root + root.T), np.eye(len(M)) - J.T @ (A @ JM)
+
+
+@numba.njit(cache=True)
+def axial_force(goal, force, integral, speed, gains):
+    """Return what the arm shall push along the probe's axis [N].
+
+    goal, force : [N];  integral : [N];  speed : [m/s] along the axis beyond what is expected
+    """
+    return goal + gains.force_gain * (goal - force) + integral - gains.force_damping * speed
+
+
+@numba.njit(cache=True)
+def impedance_torque(J, R, p, A, D, N, gains, posture, low, high, q, dq, R_goal, p_goal, v_goal,
+                     w_goal, a_goal, dw_goal, in_contact, axial):
+    """Return the torques (7,) of impedance, force, null space and joint limits; no gravity.
+
+    J (6, 7), R (3, 3), p (3,) : of the end effector;  A, D, N : from `shaped`
+    a_goal, dw_goal : (3,) accelerations of the goal, so that it is followed without error
+    axial : [N] from `axial_force`, used if in_contact
+    """
+    twist = J @ dq
+    e, rate, pace = np.empty(6), np.empty(6), np.empty(6)
     e[:3] = clipped(p_goal - p, gains.reach)
     e[3:] = clipped(rotation_vector(R_goal @ R.T), gains.turn)
     rate[:3], rate[3:] = v_goal - twist[:3], w_goal - twist[3:]
+    pace[:3], pace[3:] = a_goal, dw_goal
     z = R[:, 2].copy()
     if in_contact:   # the axis belongs to the force
         e[:3] -= z * (z @ e[:3])
         rate[:3] -= z * (z @ rate[:3])
-    F = k * e + D @ rate
+    F = A @ pace + D @ rate
+    F[:3] += gains.stiffness * e[:3]
+    F[3:] += gains.turning_stiffness * e[3:]
     if in_contact:
-        F[:3] -= z * (z @ F[:3])
-        F[:3] += z * (f_goal + gains.force_gain * (f_goal - force) + integral
-                      - gains.force_damping * (z @ twist[:3]))
-    tau = J.T @ F
+        F[:3] += z * (axial - z @ F[:3])
     pull = gains.posture_stiffness * (posture - q) - gains.posture_damping * dq
-    tau += pull - J.T @ (A @ (J @ (M_inv @ pull)))
-    for i in range(n):
+    tau = J.T @ F + N @ pull
+    for i in range(len(q)):
         tau[i] += _wall(q[i] - low[i], dq[i], gains) - _wall(high[i] - q[i], -dq[i], gains)
-    return tau + newton_euler(dh, mass, centre, inertia, gravity, q, dq, np.zeros(n))
+    return tau
 
 
 @numba.njit(cache=True)

@@ -2,8 +2,10 @@
 
 Planned poses come at 20 to 50 Hz and jump; what the impedance controller follows may not. Each of
 position and orientation is a cascade of proportional laws, each with its limit:
-    v* = clip(w1 (goal - x), v_max),  a* = clip(w2 (v* - v), a_max),  j = clip(w3 (a* - a), j_max)
-Overdamped, hence without overshoot of any limit, for w3 >= 4 w2 >= 16 w1.
+    v* = clip(v_goal + w1 (goal - x), v_max),  a* = clip(w2 (v* - v), a_max),
+    j = clip(w3 (a* - a), j_max)
+Overdamped, hence without overshoot of any limit, for w3 >= 4 w2 >= 16 w1. A goal in uniform motion
+v_goal is followed without lag; without v_goal the lag is its velocity over w1.
 """
 
 from dataclasses import dataclass
@@ -15,6 +17,7 @@ from arm_brachy.core.quantity import quantity
 from arm_brachy.robot.panda_parameters import CARTESIAN_LIMITS
 
 _SPREAD = 4.0        # ratio of successive rates: real poles
+_STILL = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -41,24 +44,35 @@ class Reference:
 
     def __init__(self, params, R, p):
         """Start at rest in R (3, 3), p (3,) [m], base frame."""
-        w = params.rate
-        self._rates = np.array([w, _SPREAD * w, _SPREAD**2 * w])
-        # A limb of the end effector's length turns a rotation limit into one of translation.
-        scale = params.turning / params.speed
-        linear = np.array([params.speed, params.acceleration, params.jerk])
-        self._limits = np.vstack([linear, scale * linear])
+        self._rates, self._limits = lead_limits(params)
         self.R, self.p = np.array(R, dtype=float), np.array(p, dtype=float)
         self.v, self.w = np.zeros(3), np.zeros(3)
         self._a, self._dw = np.zeros(3), np.zeros(3)
 
-    def step(self, R_goal, p_goal, dt):
-        """Advance by dt [s] towards the goal pose; new R, p, v [m/s], w [rad/s] in the fields."""
-        turn = rotation_vector(self.R.T @ R_goal)
-        self.p, self.v, self._a = _lead(p_goal - self.p, self.p, self.v, self._a, self._rates,
-                                        self._limits[0], dt)
-        step, self.w, self._dw = _lead(self.R @ turn, np.zeros(3), self.w, self._dw, self._rates,
-                                       self._limits[1], dt)
-        self.R = rotation(step) @ self.R
+    def step(self, R_goal, p_goal, dt, v_goal=_STILL, w_goal=_STILL):
+        """Advance by dt [s] towards the goal pose; new R, p, v [m/s], w [rad/s] in the fields.
+
+        v_goal, w_goal : (3,) velocities with which the goal itself moves, base frame
+        """
+        turn = self.R @ rotation_vector(self.R.T @ R_goal)
+        self.v, self._a = towards(v_goal + self._rates[0] * (p_goal - self.p), self.v, self._a,
+                                  self._rates, self._limits[0], dt)
+        self.w, self._dw = towards(w_goal + self._rates[0] * turn, self.w, self._dw, self._rates,
+                                   self._limits[1], dt)
+        self.p = self.p + dt * self.v
+        self.R = rotation(dt * self.w) @ self.R
+
+
+def lead_limits(params):
+    """Return (rates (3,) [1/s] of the cascade, limits (2, 3)) of a ReferenceParams.
+
+    limits : speed, acceleration, jerk; rows translation [m/s ...] and rotation [rad/s ...]
+    """
+    w = params.rate
+    # A limb of the end effector's length turns a rotation limit into one of translation.
+    scale = params.turning / params.speed
+    linear = np.array([params.speed, params.acceleration, params.jerk])
+    return np.array([w, _SPREAD * w, _SPREAD**2 * w]), np.vstack([linear, scale * linear])
 
 
 @numba.njit(cache=True)
@@ -103,10 +117,13 @@ def clipped(vector, most):
 
 
 @numba.njit(cache=True)
-def _lead(missing, x, v, a, rates, limits, dt):
-    wanted = clipped(rates[0] * missing, limits[0])
+def towards(wanted, v, a, rates, limits, dt):
+    """Return (v, a) after dt [s] on the way to the velocity `wanted`, all (3,), within limits.
+
+    rates : (3,) of the cascade, the first not used;  limits : (3,) speed, acceleration, jerk
+    """
+    wanted = clipped(wanted, limits[0])
     a_wanted = clipped(rates[1] * (wanted - v), limits[1])
     jerk = clipped(rates[2] * (a_wanted - a), limits[2])
     a = a + dt * jerk
-    v = v + dt * a
-    return x + dt * v, v, a
+    return v + dt * a, a

@@ -55,6 +55,18 @@ class ArmSimulation:
         self._bullet.setJointMotorControlArray(
             self._body, self._joints, pybullet.VELOCITY_CONTROL, forces=[0.0] * panda.JOINTS)
 
+    def read_into(self, q, dq):
+        """Write joint angles and velocities into q, dq (7,): `state` without new arrays."""
+        joints = self._read(self._body, self._joints)
+        q[:] = [j[0] for j in joints]
+        dq[:] = [j[1] for j in joints]
+
+    def advance(self, forces):
+        """Advance by one period with what moves each joint (7,) [N m], friction included."""
+        # A list is taken over faster than an array.
+        self._drive(self._body, self._joints, pybullet.TORQUE_CONTROL, forces=forces.tolist())
+        self._advance()
+
     def state(self):
         """Return (q (7,) [rad], dq (7,) [rad/s])."""
         joints = np.array([j[:2] for j in self._read(self._body, self._joints)])
@@ -72,8 +84,7 @@ class ArmSimulation:
             applied -= joint_friction(dq)
         if wrench is not None:
             applied += self._arm.jacobian(q).T @ wrench
-        self._drive(self._body, self._joints, pybullet.TORQUE_CONTROL, forces=applied)
-        self._advance()
+        self.advance(applied)
 
     def mass_matrix(self, q):
         """M (7, 7) [kg m2] as PyBullet has it."""
@@ -90,6 +101,20 @@ class ArmSimulation:
             self._body, TIP_LINK, computeForwardKinematics=True)[:6]
         R = np.array(self._bullet.getMatrixFromQuaternion(orientation)).reshape(3, 3)
         return R, np.array(p)
+
+    def show(self, x, triangles, colour):
+        """Draw a surface from now on; it has no weight and touches nothing.
+
+        x : (n, 3) [m], base frame;  triangles : (k, 3), outward;  colour : (4,) red to opacity
+        """
+        shape = self._bullet.createVisualShape(
+            pybullet.GEOM_MESH, vertices=np.asarray(x).tolist(),
+            indices=np.ravel(triangles).tolist(), rgbaColor=list(colour))
+        return self._bullet.createMultiBody(baseMass=0.0, baseVisualShapeIndex=shape)
+
+    def hide(self, shown):
+        """Draw what `show` returned no longer."""
+        self._bullet.removeBody(shown)
 
     def picture(self, width, height, *, target, distance, yaw, pitch):
         """Return (height, width, 3) uint8, the arm as PyBullet's software renderer draws it.

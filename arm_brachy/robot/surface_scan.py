@@ -93,6 +93,10 @@ class ScannedSurface:
         gradient = f[:3] - f[3:]
         return gradient / np.linalg.norm(gradient)
 
+    def distance(self, x):
+        """Return how far the nearest patch is from a point (3,) [m]: large over a hole."""
+        return float(np.linalg.norm(self.points - x, axis=1).min())
+
     def intersection(self, start, direction):
         """Return where a line first leaves the body (3,) [m].
 

@@ -1,0 +1,189 @@
+"""The pose that the probe shall have in a tick, from the tip, the skin and the strategy.
+
+A needle enters the body from the side, where the skin is too steep for a face that presses from
+above. The probe therefore waits over the first point of the needle's line where it can stand, and
+goes with the tip once that comes by. The search for that point takes a few steps in each tick.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from arm_brachy.core.errors import InputError
+from arm_brachy.core.outcome import Outcome
+from arm_brachy.robot.probe_pose import orientation_goal, translational_goal
+from arm_brachy.robot.reference import rotation_vector
+
+_AHEAD = 2e-3        # m, step of the search along the needle
+_STEPS = 2           # of it in a tick: one takes 4 ms on a scanned surface of a thousand patches
+_FARTHEST = 0.15     # m from the tip, where the search ends
+_PLANE = 0.1         # m up from the tip: a point of the plane that the strategies stay in
+_SHALLOWEST = 2e-3   # m of the tip under the face
+_SMOOTH = 0.5        # share of the last angular velocity that is kept
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Goal pose R (3, 3), p (3,) of the probe, how it moves, and what came of planning.
+
+    v, w : (3,) [m/s, rad/s];  up : (3,) from the skin into the air
+    sinking : [m/s] against up with which the path over the skin goes
+    waiting : True while the probe stands ahead of the tip. R is None without a pose.
+    """
+
+    R: np.ndarray | None = None
+    p: np.ndarray | None = None
+    v: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    w: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    up: np.ndarray | None = None
+    sinking: float = 0.0
+    waiting: bool = False
+    outcome: Outcome = Outcome.OK
+    message: str = ''
+
+
+class _Planner:
+    """What both strategies share: the plane {N}, the search ahead of the tip."""
+
+    def __init__(self, params, surface, tip, along, z):
+        """tip, along : where the needle is and where it goes;  z : (3,) axis of the probe now."""
+        self._params, self.surface = params, surface
+        up = -(z - along * (along @ z))
+        self._up = up / np.linalg.norm(up)
+        self._start, self._from = tip, tip
+        self._ready, self._last = False, None
+
+    def _stand(self, tip, along):
+        """Goal over a point of the needle's line, or InputError: no skin, a hole, too steep."""
+        up = self._up - along * (along @ self._up)
+        goal = translational_goal(self.surface, tip + _PLANE * up, tip, along)
+        off = self.surface.distance(goal.p)
+        if off > self._params.hole:
+            place = ', '.join(f'{1e3 * c:.0f}' for c in goal.p)
+            raise _NoSkin(f'probe: the nearest known skin is {1e3 * off:.0f} mm from ({place}) mm '
+                          f'where it shall stand; must be within {1e3 * self._params.hole:g} mm: '
+                          'scan that part again')
+        normal = self.surface.normal(goal.p)
+        angle = np.arccos(np.clip(-normal @ goal.R[:, 2], -1.0, 1.0))
+        if angle > self._params.steepest:
+            raise _TooSteep(f'probe: the skin is {np.degrees(angle):.0f} deg off its axis; must '
+                            f'be at most {np.degrees(self._params.steepest):.0f} deg: move the '
+                            'template')
+        if (tip - goal.p) @ goal.R[:, 2] < _SHALLOWEST:
+            raise _TooSteep('probe: the needle is not under the skin yet')
+        return goal, normal
+
+    def _turning(self, R, dt):
+        """Angular velocity (3,) of the goal, smoothed, from the goal before."""
+        if self._last is None:
+            self._last = R, np.zeros(3)
+        before, w = self._last
+        w = _SMOOTH * w + (1.0 - _SMOOTH) * rotation_vector(R @ before.T) / dt
+        self._last = R, w
+        return w
+
+
+class _NoSkin(InputError):
+    """The skin is not known where the probe shall stand."""
+
+
+class _TooSteep(InputError):
+    """The probe cannot stand there, but perhaps farther on."""
+
+
+class TranslationalPlanner(_Planner):
+    """(6.4) to (6.8): over the tip, across the needle."""
+
+    def plan(self, tip, along, v, state, dt):
+        """Return the Plan.
+
+        tip, v : (3,) of the tip at the start of the tick;  along : (3,) of the needle
+        state : HolderState now;  dt : [s] since the call before
+        """
+        if not self._ready:
+            return self._search(along)
+        waiting = (self._from - tip) @ along > 0.0
+        point = tip + along * max(0.0, (self._from - tip) @ along)
+        v = np.zeros(3) if waiting else v
+        try:
+            goal, normal = self._stand(point, along)
+        except _NoSkin as problem:
+            return Plan(outcome=Outcome.NO_SURFACE, message=str(problem))
+        except InputError as problem:
+            return Plan(outcome=Outcome.UNREACHABLE, message=str(problem))
+        up = -goal.R[:, 2]
+        # On the skin: the velocity of the point has no part along the normal.
+        sinking = float((normal @ v) / (normal @ up))
+        v = v - up * sinking
+        # The plane of the picture is to hold the point now, whatever is left to turn.
+        y = state.R[:, 1]
+        return Plan(goal.R, goal.p + y * (y @ (point - goal.p)), v, self._turning(goal.R, dt), up,
+                    sinking, waiting)
+
+    def _search(self, along):
+        for _ in range(_STEPS):
+            try:
+                self._stand(self._from, along)
+            except _NoSkin as problem:
+                return Plan(outcome=Outcome.NO_SURFACE, message=str(problem))
+            except InputError as problem:
+                self._from = self._from + _AHEAD * along
+                if (self._from - self._start) @ along > _FARTHEST:
+                    return Plan(outcome=Outcome.UNREACHABLE, message=str(problem))
+            else:
+                self._ready = True
+                break
+        return Plan(waiting=True, message='looking for where the probe can stand')
+
+
+class OrientationPlanner(_Planner):
+    """(6.1) to (6.3): about the contact point, which lies where the skin is flattest.
+
+    The probe touches the skin upright and turns from there, at a speed that the force bears.
+    """
+
+    _tilt = 0.0          # rad, largest by now
+
+    def plan(self, tip, along, v, state, dt):
+        """Return the Plan; see `TranslationalPlanner.plan`."""
+        if not self._ready:
+            return self._search(along)
+        contact = self._contact
+        if state.in_contact:     # it goes with the skin, up and down
+            self._tilt = min(self._params.tilt, self._tilt + self._params.tilting * dt)
+            contact = contact + self._normal * (self._normal @ (state.p - contact))
+        waiting, point = self._within(tip, along, contact)
+        goal = orientation_goal(self._R, contact, point)
+        towards = point - contact
+        w = np.zeros(3) if waiting else np.cross(towards, v) / (towards @ towards)
+        return Plan(goal.R, contact, np.zeros(3), w, self._normal, waiting=waiting)
+
+    def _within(self, tip, along, contact):
+        """(waiting, point): the tip, or on the needle's line what the largest tilt points at."""
+        foot = (contact - tip) @ along
+        depth = np.linalg.norm(contact - tip - along * foot)
+        most = depth * np.tan(self._tilt)
+        if abs(foot) <= most:
+            return False, tip
+        return True, tip + along * (foot - np.sign(foot) * most)
+
+    def _search(self, along):
+        for _ in range(_STEPS):
+            try:
+                goal, normal = self._stand(self._from, along)
+            except _NoSkin as problem:
+                return Plan(outcome=Outcome.NO_SURFACE, message=str(problem))
+            except InputError as problem:
+                self._from = self._from + _AHEAD * along
+                if (self._from - self._start) @ along > _FARTHEST:
+                    return Plan(outcome=Outcome.UNREACHABLE, message=str(problem))
+                continue
+            if normal @ along >= 0.0:     # uphill until here
+                self._R, self._contact, self._normal = goal.R, goal.p, -goal.R[:, 2]
+                self._ready = True
+                break
+            self._from = self._from + _AHEAD * along
+        return Plan(waiting=True, message='looking for where the probe can stand')
+
+
+PLANNERS = {'translational': TranslationalPlanner, 'orientation': OrientationPlanner}
