@@ -1,0 +1,70 @@
+"""The node of the probe's arm on its own: messages in, messages out, services."""
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message, serialize_message
+from std_srvs.srv import Trigger
+
+from arm_brachy import graph
+from arm_brachy.nodes import convert
+from arm_brachy.nodes.probe_controller import ProbeControllerNode
+from arm_brachy_msgs.msg import ProbeContact, ProbeState, SafetyState
+
+pytestmark = pytest.mark.ros
+TICK = 50_000_000
+RADIUS = 0.06            # m of a ball that plays the body
+
+
+@pytest.fixture
+def node(ros_domain_id, short_scenario):
+    rclpy.init()
+    made = ProbeControllerNode(parameter_overrides=[
+        Parameter('scenario', value=str(short_scenario)), Parameter('pace', value='wall'),
+        Parameter('peers', value=[graph.PROBE_CONTROLLER.name, graph.SUPERVISOR.name])])
+    yield made
+    made.close()
+    made.destroy_node()
+    rclpy.try_shutdown()
+
+
+def ball():
+    """Points (n, 3) of its upper half."""
+    u = np.random.default_rng(0).normal(size=(8000, 3))
+    u[:, 2] = np.abs(u[:, 2])
+    return RADIUS * u / np.linalg.norm(u, axis=1, keepdims=True)
+
+
+def test_it_follows_the_tip_over_the_cloud_once_asked_and_allowed(node):
+    boxes = [[] for _ in node._outputs]
+    node._outputs = [box.append for box in boxes]
+    across = np.column_stack([[0, 0, 1], [1, -1, 0], [1, 1, 0]]) / np.sqrt([1.0, 2.0, 2.0])
+
+    def tick(k, state, **inputs):
+        full = {topic.name: [] for topic in graph.PROBE_CONTROLLER.subscribes}
+        full[graph.SAFETY.name] = [SafetyState(header=convert.header(k * TICK, ''), state=state)]
+        full[graph.NEEDLE_TIP.name] = [convert.pose_stamped(k * TICK, 'cell_base', across,
+                                                            [-0.005, -0.005, 0.03])]
+        full.update({getattr(graph, name).name: [msg] for name, msg in inputs.items()})
+        node._work(k, k * TICK, full)
+        return [box[-1] for box in boxes]
+
+    follow = node._answer(node._arm.follow, 'follow')
+    tick(1, SafetyState.HOLD, SURFACE=convert.cloud(0, 'cell_base', ball()))
+    assert not follow(Trigger.Request(), Trigger.Response()).success
+    tick(2, SafetyState.RUN)
+    assert follow(Trigger.Request(), Trigger.Response()).success
+    contact = ProbeContact(stiffness=np.zeros(36))
+    for k in range(3, 20):
+        state, joints, pose, wrench, truth = tick(k, SafetyState.RUN, TRUTH_CONTACT=contact)
+    state = deserialize_message(serialize_message(state), ProbeState)
+    assert state.phase == ProbeState.APPROACH and state.outcome == 'OK'
+    assert len(state.force) == TICK // 1_000_000
+    assert len(joints.position) == len(state.torque) == 7
+    R, p = convert.rigid(pose.pose)
+    assert np.allclose(R[:, 1], across[:, 2], atol=0.02)      # image plane across the needle
+    assert np.allclose(convert.rigid(truth.pose)[1], p)
+    assert abs(wrench.wrench.force.z) < 0.2                   # the tool's weight is taken off
+    state, *_ = tick(20, SafetyState.STOP)
+    assert state.phase == ProbeState.STOPPED
