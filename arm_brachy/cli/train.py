@@ -12,6 +12,7 @@ from arm_brachy.core.errors import InputError
 from arm_brachy.core.paths import run_dir
 from arm_brachy.core.scene import load_scene
 from arm_brachy.estimation.graph_vae import dataset
+from arm_brachy.estimation.graph_vae.network import NetworkOptions
 from arm_brachy.estimation.graph_vae.training import Training, TrainingOptions
 from arm_brachy.tissue.build import load_scene_mesh
 
@@ -26,11 +27,13 @@ from arm_brachy.tissue.build import load_scene_mesh
               type=click.FloatRange(0.0), help='Of processor time, all calls together.')
 @click.option('--rate', default=TrainingOptions.rate, show_default=True,
               type=click.FloatRange(0.0, min_open=True), help='Learning rate of Adam.')
+@click.option('--linear/--no-linear', default=NetworkOptions.linear, show_default=True,
+              help='Add the layers to the linear modes, or leave them alone as in Table 5.1.')
 @click.option('--seed', default=TrainingOptions.seed, show_default=True, type=click.IntRange(0))
 @click.option('--out', type=click.Path(file_okay=False), metavar='FOLDER',
               help='Goes on where the training in it was ended. Default: runs/train/SCENE.')
 @json_option
-def train(scene, data, epochs, hours, rate, seed, out, json_file):
+def train(scene, data, epochs, hours, rate, linear, seed, out, json_file):
     """Train the graph network of a data set.
 
     Writes weights.npz (the best epoch's on validation states), curve.csv and checkpoint.pt, from
@@ -46,7 +49,8 @@ def train(scene, data, epochs, hours, rate, seed, out, json_file):
                          'another version of it; must be of the same; make the data set again')
     options = replace(TrainingOptions(), seed=seed, epochs=epochs, hours=hours, rate=rate)
     folder = Path(out or run_dir() / 'train' / Path(scene).stem).resolve()
-    training = Training(states, load_scene_mesh(body), folder, options, scene=body)
+    training = Training(states, load_scene_mesh(body), folder, options, scene=body,
+                        network=NetworkOptions(linear=linear))
     with Progress(TextColumn('epochs'), BarColumn(), TextColumn('{task.completed}/{task.total}'),
                   TextColumn('validation {task.fields[error]:.4f} mm'), TimeElapsedColumn(),
                   TimeRemainingColumn(), console=errors) as bar:

@@ -27,11 +27,11 @@ class PartialDecoder:
         """Displacements (batch, k, 3) [m] of latent variables (batch, latent), both float64."""
         network = self._network
         with torch.no_grad():
-            x = network.coarse(torch.from_numpy(np.asarray(z)).float())[self._coarse]
+            z = torch.from_numpy(np.asarray(z)).float()
+            x = network.coarse(z)[self._coarse]
             for layer, values, pattern in self._layers:
                 x = layer.applied(x, values, pattern)
-            x = x.transpose(0, 1) * network.length + network.mean[self._nodes]
-            return x.double().numpy()
+            return network.displacement(x, z, self._nodes).double().numpy()
 
 
 def _rows(layer, vertices):

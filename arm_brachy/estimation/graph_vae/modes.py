@@ -6,6 +6,9 @@ Test: estimation/graph_vae/test_training.py
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse.linalg import svds
+
+LEAST = 1e-6            # singular value over the largest: below it is rounding
 
 
 @dataclass(frozen=True)
@@ -36,11 +39,12 @@ def modes_of(u, count):
     """Return the `count` Modes of displacements (s, n, 3) [m], or as many as they span."""
     mean = u.mean(axis=0, dtype=np.float64)
     flat = (u - mean).reshape(len(u), -1)
-    values, vectors = np.linalg.eigh(flat @ flat.T)
-    found = values[::-1] > 1e-12 * values[-1]
-    values, vectors = values[::-1][found][:count], vectors[:, ::-1][:, found][:, :count]
-    shapes = vectors.T @ flat / np.sqrt(values)[:, None]
-    return Modes(mean, shapes.reshape(-1, *mean.shape), np.sqrt(values / len(u)))
+    count = min(count, min(flat.shape) - 1)
+    # a first vector of ones would be the mean, which is gone
+    _, values, shapes = svds(flat, count, v0=np.linspace(1.0, 2.0, min(flat.shape)))
+    order = np.argsort(values)[::-1]
+    order = order[values[order] > LEAST * values.max()]
+    return Modes(mean, shapes[order].reshape(-1, *mean.shape), values[order] / np.sqrt(len(u)))
 
 
 def error(u, other):

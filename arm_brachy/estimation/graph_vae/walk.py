@@ -32,7 +32,8 @@ def walk_states(walk, steps, options=STATICS):
         if k:
             found.append((solution.x - rest).astype(np.float32))
     shape = (len(found), *rest.shape)
-    return np.array(found).reshape(shape), np.arange(1, len(found) + 1) / steps
+    # of no state the type would be float64, and that of the whole shard with it
+    return np.array(found, dtype=np.float32).reshape(shape), np.arange(1, len(found) + 1) / steps
 
 
 def _ahead(states):

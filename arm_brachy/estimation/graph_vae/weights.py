@@ -12,25 +12,28 @@ import torch
 
 from arm_brachy.core.errors import InputError
 from arm_brachy.estimation.graph_vae.graph import hierarchy, mesh_graph
-from arm_brachy.estimation.graph_vae.modes import Modes
 from arm_brachy.estimation.graph_vae.network import GraphVae, NetworkOptions
 from arm_brachy.tissue.body import TetMesh
 
-FORMAT = 1
+FORMAT = 2
 SHIPPED = Path(__file__).parent / 'weights'
 
 
 @dataclass(frozen=True)
 class Trained:
-    """network : GraphVae;  mesh : TetMesh of its nodes;  modes : the linear baseline
-    forecast : Forecast;  about : dict, how it was made
+    """network : GraphVae;  mesh : TetMesh of its nodes;  forecast : Forecast
+    about : dict, how it was made
     """
 
     network: GraphVae
     mesh: TetMesh
-    modes: Modes
     forecast: object
     about: dict
+
+    @property
+    def modes(self):
+        """The linear baseline: modes.Modes of the training states."""
+        return self.network.modes
 
     def encode(self, u):
         """Latent means (s, k) of displacements (s, n, 3) [m], numpy."""
@@ -92,10 +95,9 @@ def new_network(mesh, options, seed, latent):
 
 def save(trained, options, file):
     """Write a Trained to `file` (.npz); whole or not at all."""
-    mesh, modes, forecast = trained.mesh, trained.modes, trained.forecast
+    mesh, forecast = trained.mesh, trained.forecast
     arrays = {f'weight/{k}': v.numpy() for k, v in trained.network.state_dict().items()}
-    arrays |= {'nodes': mesh.nodes, 'tets': mesh.tets, 'mean': modes.mean.astype(np.float32),
-               'shapes': modes.shapes.astype(np.float32), 'spread': modes.spread,
+    arrays |= {'nodes': mesh.nodes, 'tets': mesh.tets,
                'forecast_map': forecast.map, 'forecast_covariance': forecast.covariance,
                'about': np.array(json.dumps({**trained.about, 'format': FORMAT,
                                              'latent': trained.network.latent,
@@ -121,10 +123,10 @@ def load(file):
     if about['format'] != FORMAT:
         raise InputError(f'{file}: format {about["format"]}; must be {FORMAT}; train again')
     mesh = TetMesh(arrays['nodes'], arrays['tets'], {}, arrays.get('midside'))
-    options = NetworkOptions(**{k: tuple(v) for k, v in about['network'].items()})
+    options = NetworkOptions(**{k: tuple(v) if isinstance(v, list) else v
+                                for k, v in about['network'].items()})
     network = new_network(mesh, options, 0, about['latent'])
     network.load_state_dict({key[7:]: torch.from_numpy(np.array(value)) for key, value
                              in arrays.items() if key.startswith('weight/')})
-    modes = Modes(arrays['mean'].astype(float), arrays['shapes'].astype(float), arrays['spread'])
     forecast = Forecast(arrays['forecast_map'], arrays['forecast_covariance'], about['stroke'])
-    return Trained(network, mesh, modes, forecast, about)
+    return Trained(network, mesh, forecast, about)
