@@ -19,6 +19,8 @@ from arm_brachy.experiments import (
     figure_5_7,
     figure_5_8,
     figure_5_9,
+    figure_5_11,
+    figure_5_12,
     import_fuzz,
     liver,
     model_verification,
@@ -40,4 +42,5 @@ EXPERIMENTS = {module.NAME: module.reproduce
                              diagnosis_laboratories, dome_faults, gel_block, half_cylinder,
                              node_errors, panda_torques, table_4_1, estimate_feedback,
                              import_fuzz, appendix_a, figure_4_5, figure_4_6, figure_4_7,
-                             figure_5_7, figure_5_8, figure_5_9, liver, needle_force)}
+                             figure_5_7, figure_5_8, figure_5_9, figure_5_11, figure_5_12,
+                             liver, needle_force)}

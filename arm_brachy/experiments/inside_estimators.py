@@ -7,6 +7,7 @@ from pathlib import Path
 from arm_brachy.core.scene import with_mesh
 from arm_brachy.estimation import kf_admm, open_loop, pod, rigid
 from arm_brachy.estimation import map as map_estimator
+from arm_brachy.estimation.graph_vae import estimator as graph_vae
 from arm_brachy.estimation.kf_admm import KfAdmmParams
 from arm_brachy.estimation.map import MapParams
 from arm_brachy.estimation.pod import PodParams
@@ -21,6 +22,7 @@ class Entry:
     name : as in the table's rows;  build : (scene, terms, targets, markers, params) -> Estimator
     params : given to build; None = its defaults
     noisy : False where what it says does not depend on the markers: one seed then serves for all
+    memory : False where an estimate depends on its own frame alone: no other is then computed
     thesis : number of markers -> mean target error that the thesis prints [mm]
     """
 
@@ -28,6 +30,7 @@ class Entry:
     build: Callable
     params: object = None
     noisy: bool = True
+    memory: bool = True
     thesis: dict = field(default_factory=dict)
 
 
@@ -50,6 +53,7 @@ ESTIMATORS = (
     Entry('kf_admm_white', kf_admm.build, KfAdmmParams(process='white'), thesis=KF_ADMM),
     Entry('pod', pod.build),
     Entry('pod_es_mda', pod.build, PodParams(update='es_mda')),
+    Entry('graph_vae', graph_vae.build, memory=False),
     Entry('map', map_estimator.build, MapParams(mesh=RIMS)),
     # not on the model's mesh but on that of `map`
     Entry('open_loop_rims', on_mesh(RIMS, open_loop.build), noisy=False),

@@ -47,14 +47,15 @@ class Scores:
 
 
 def run(folder, names=None, *, plants=tuple(inside_plants.PLANTS), sets=tuple(MARKER_SETS),
-        seeds=SEEDS):
+        seeds=SEEDS, groups=inside_plants.GROUPS):
     """Score estimators; returns {(estimator, number of markers, plant): Scores}.
 
     folder : of the result; solutions of the plants are kept in `inside-plants` beside it
-    names : of inside_estimators.ESTIMATORS, all by default
+    names : of inside_estimators.ESTIMATORS, all by default;  groups : of pads that push together
     """
     names = [e.name for e in inside_estimators.ESTIMATORS] if names is None else list(names)
-    solved = inside_plants.plants(Path(folder).parent / CACHE, plants)
+    solved = {plant: tuple(push for push in pushes if push.pads in groups) for plant, pushes in
+              inside_plants.plants(Path(folder).parent / CACHE, plants).items()}
     jobs = [(name, count, plant) for name in names for count in sets for plant in plants]
     done = {}
     with process_pool(len(jobs)) as pool:
@@ -81,7 +82,7 @@ def score(name, count, plant, pushes, seeds):
     for push in pushes:
         for k in range(drawn):
             seen = session(real, push, markers, SEED, f'{plant}/{"+".join(push.pads)}/{k}')
-            estimates = _estimates(estimator, seen, cpu)
+            estimates = _estimates(estimator, seen, cpu, inside_estimators.entry(name).memory)
             parts.append([compare(one, true) for one, true in
                           zip(estimates, push.targets[1:], strict=True)])
     table = np.array(parts).reshape(len(pushes), drawn, -1, 2, len(targets))
@@ -100,13 +101,18 @@ def _built(name, count):
                        entry.params), markers
 
 
-def _estimates(estimator, seen, cpu):
-    """Estimates at the end of every depth; the time of every step is appended to cpu."""
-    estimator.reset()
-    said = []
-    for surface in seen.surfaces:
+def _estimates(estimator, seen, cpu, memory):
+    """Estimates at the end of every depth; the time of every step is appended to cpu.
+
+    memory : False where the frames between need not be given; what it solved for one session
+        then serves the next
+    """
+    if memory:
+        estimator.reset()
+    said = {}
+    for i in range(len(seen.surfaces)) if memory else seen.ends:
         begin = time.process_time()
-        said.append(estimator.step(surface))
+        said[i] = estimator.step(seen.surfaces[i])
         cpu.append(time.process_time() - begin)
     return [said[i] for i in seen.ends]
 

@@ -8,10 +8,11 @@ set and the numbers of its test walks, so that nothing but the shipped weights i
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from arm_brachy.core.paths import config_dir
+from arm_brachy.core.paths import config_dir, share_dir
 from arm_brachy.core.random import stream
 from arm_brachy.core.scene import load_scene
 from arm_brachy.estimation.es_mda import RankDeficient, equal_alphas, es_mda
@@ -21,18 +22,28 @@ from arm_brachy.estimation.graph_vae.loads import LoadOptions, draw_walk
 from arm_brachy.estimation.graph_vae.modes import error
 from arm_brachy.estimation.graph_vae.walk import walk_states
 from arm_brachy.evaluation import style
+from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.tissue.build import marker_points
 from arm_brachy.tissue.mesh import embed
 
 SCENE = 'breast'
 PAIRS = 10              # sec. 5.4
-SEEDS = 20              # of markers and members
+SEEDS = 20              # of markers and members, of one setting
+SWEEP_SEEDS = 5         # the same of each of many settings: with ten pairs 50 runs a curve
 SEED = 57
 NOISE = 0.15e-3 / np.sqrt(3.0)      # m, of a marker's coordinate: OptiTrack, as the cell's tracker
 # The thesis gives C_d no unit; its errors are in centimetres, so these are taken as cm^2.
 CD_UNIT = 1e-4
 LAST = 9                # test walks have numbers that end in it (graph_vae.dataset.SPLITS)
 CACHE = 'latent-states'
+
+
+class Case(NamedTuple):
+    """Settings of one curve: N_e, C_d [cm^2] and N_a of the thesis."""
+
+    members: int
+    C_d: float
+    assimilations: int
 
 
 @dataclass(frozen=True)
@@ -104,7 +115,24 @@ def curves(bench, seeds, **options):
                          for pair in range(len(bench.pairs))])
 
 
-def row(curve):
+def sweep(name, cases, draw, targets, out_dir, seeds=SWEEP_SEEDS):
+    """Assimilate the pairs in every Case; NAME.png receives what `draw` makes of the curves.
+
+    draw : {Case: (pairs, seeds, Na + 1) [m]} -> Figure
+    targets : {Case: mean error in the end [m]} -> tuple of Target
+    out_dir : folder;  seeds : of markers and members. Returns Result, a row for each Case.
+    """
+    made = bench(out_dir)
+    found = {case: curves(made, seeds, **case._asdict()) for case in cases}
+    draw(found).savefig(Path(out_dir) / f'{name}.png', dpi=150)
+    rows = tuple({'members': case.members, 'C_d_cm2': case.C_d,
+                  'assimilations': case.assimilations} | _row(curve)
+                 for case, curve in found.items())
+    return Result(name, SEED, commit_of(share_dir()), machine_description(), rows,
+                  targets({case: float(curve[..., -1].mean()) for case, curve in found.items()}))
+
+
+def _row(curve):
     """What a table says of curves (pairs, seeds, Na + 1)."""
     ends = style.MM * curve[..., -1]
     return {'before_mm': style.MM * float(curve[..., 0].mean()), 'after_mm': float(ends.mean()),

@@ -201,3 +201,17 @@ def test_a_plant_is_walked_in_shorter_steps_and_says_how_far_it_could_be_pushed(
     assert body.refused > 0
     with pytest.raises(NotConverged, match=r'plant stiff on the way to 4.\d\d mm'):
         walk.to(2.0 * q)
+
+
+def test_frames_between_are_left_out_where_an_estimate_needs_its_own_alone(pushes):
+    """Of open loop, which has no memory, the errors agree and there are as many steps as ends."""
+    original = inside_estimators.ESTIMATORS
+    alone = replace(inside_estimators.OPEN_LOOP, name='alone', memory=False)
+    inside_estimators.ESTIMATORS = (*original, alone)
+    try:
+        every, ends = (inside_study.score(name, 10, 'inclusion', pushes, 1)
+                       for name in ('open_loop', 'alone'))
+    finally:
+        inside_estimators.ESTIMATORS = original
+    assert np.allclose(every.error, ends.error, rtol=0.0, atol=1e-8)    # the solver's tolerance
+    assert len(ends.cpu) == len(pushes[0].q) - 1 < len(every.cpu)

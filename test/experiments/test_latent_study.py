@@ -46,5 +46,6 @@ def test_the_network_at_best_is_beside_the_linear_modes(bench):
 def test_figures_have_a_row_for_each_case(bench, module, rows, tmp_path, monkeypatch):
     monkeypatch.setattr(latent_study, 'bench', lambda folder: bench)
     result = module.reproduce(tmp_path, seeds=2)
+    assert result.name == module.NAME
     assert len(result.rows) == rows and result.targets
     assert (tmp_path / f'{module.NAME}.png').stat().st_size > 10_000

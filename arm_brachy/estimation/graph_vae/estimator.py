@@ -7,6 +7,7 @@ thesis draws with the encoder's, which knows of the reconstruction only and noth
 is wrong. Forward map: the decoder at the nodes around the markers.
 """
 
+import copy
 import warnings
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from arm_brachy.tissue.newton import NewtonOptions, StaticSolver
 FEWEST = 3                  # markers that fix a rigid motion
 TOLERANCE = 1e-6            # m, between the scene's pads and those of the training
 STATICS = NewtonOptions(tolerance=1e-6)     # a hundredth of what the network leaves
+KEPT = 16                   # travels whose equilibrium is kept
 
 
 class Encoded:
@@ -42,21 +44,29 @@ class Encoded:
         self.reset()
 
     def reset(self):
-        """The next solve starts from rest."""
+        """Forget every solution: the next solve starts from rest."""
+        self._known = {}        # bytes of q -> latent means, oldest first
         self._solver = StaticSolver(self._body, options=STATICS)
-        self._x, self._q, self._mean = self._rest, None, None
+        self._x = self._rest
 
     def mean(self, q):
         """Latent means (k,) at travel q (p,) [m]. Raises NotConverged."""
-        if self._q is None or not np.array_equal(q, self._q):
-            held = self._solver.held_positions(q[:, None] * self._directions)
-            found = self._solver.follow(self._x, held)
-            if not found.outcome.ok:
-                raise NotConverged(f'graph_vae: model at {np.round(1e3 * q, 2).tolist()} mm: '
-                                   f'{found.outcome.advice}')
-            self._x, self._q = found.x, np.array(q, dtype=float)
-            self._mean = self._trained.encode((self._x - self._rest)[None])[0]
-        return self._mean
+        key = np.asarray(q, dtype=float).tobytes()
+        if key not in self._known:
+            found = self._solved(q)
+            while len(self._known) >= KEPT:
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = found
+        return self._known[key]
+
+    def _solved(self, q):
+        held = self._solver.held_positions(q[:, None] * self._directions)
+        found = self._solver.follow(self._x, held)
+        if not found.outcome.ok:
+            raise NotConverged(f'graph_vae: model at {np.round(1e3 * q, 2).tolist()} mm: '
+                               f'{found.outcome.advice}')
+        self._x = found.x
+        return self._trained.encode((self._x - self._rest)[None])[0]
 
 
 class GraphVaeEstimator:
@@ -78,8 +88,7 @@ class GraphVaeEstimator:
         self._m = len(model.markers)
         self._rest = self._at @ trained.mesh.nodes[nodes]
         self._decoder = PartialDecoder(trained.network, nodes)
-        size = np.linalg.cholesky(trained.forecast.covariance)
-        self._root = params.spread * size
+        self._size = np.linalg.cholesky(trained.forecast.covariance)
         self._model = Encoded(scene, trained) if params.prior == 'model' else trained.forecast
         self._announce(trained.network.latent)
         self.reset()
@@ -95,6 +104,15 @@ class GraphVaeEstimator:
         self._count = 0
         if self.params.prior == 'model':
             self._model.reset()
+
+    def with_params(self, params):
+        """The same estimator with other GraphVaeParams of how it measures and samples.
+
+        It shares the model's solutions; weights and prior stay as they are.
+        """
+        other = copy.copy(self)
+        other.params = params
+        return other
 
     def step(self, surface):
         """Return the Estimate of a Surface; Estimate.x is None: all nodes would cost ten times."""
@@ -126,7 +144,7 @@ class GraphVaeEstimator:
 
     def _smoothed(self, surface, seen, rng):
         params, mean = self.params, self._model.mean(surface.q)
-        z = mean + rng.standard_normal((params.members, len(mean))) @ self._root.T
+        z = mean + params.spread * rng.standard_normal((params.members, len(mean))) @ self._size.T
         J = registration_jacobian(surface.markers[seen])
         R = J @ surface.frame_covariance @ J.T + (
             params.noise**2 + self._left_out(surface.q)) * np.eye(len(J))

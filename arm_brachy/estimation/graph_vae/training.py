@@ -24,6 +24,7 @@ from arm_brachy.estimation.graph_vae.start import start_scaled
 from arm_brachy.tissue.build import load_scene_mesh
 
 BLOCK = 32              # states reconstructed at a time when nothing is learned
+FORECAST = 1000         # states that the forecast is fitted to, about
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class TrainingOptions:
     """How to train; the thesis names none of these."""
 
     seed: int = 20260505
-    epochs: int = 16
+    epochs: int = 13
     batch: int = 16
     latent: int = LATENT
     rate: float = 2e-3          # of Adam, after the warm-up; falls to 0 as a cosine
@@ -173,9 +174,10 @@ class Training:
         weights.save(trained, self.shape, self.folder / 'weights.npz')
 
     def _forecast(self):
-        """Of the training states with the scene's own pads."""
+        """Of training states with the scene's own pads."""
         part = self.parts['train']
         own = part[np.isfinite(self.travel[part]).all(axis=1)] if self.travel is not None else []
+        own = own[::max(1, len(own) // FORECAST)]
         if not len(own):
             k = self.options.latent
             return weights.Forecast(np.zeros((1, k)), np.eye(k), 1.0)

@@ -1,5 +1,7 @@
 """Graphs, layers and the network: rules of the thesis, independent forms, derivatives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -24,8 +26,10 @@ def network(seed=0, levels=LEVELS, positions=MESH.nodes):
     made = GraphVae(levels, positions, OPTIONS, torch.Generator().manual_seed(seed), latent=4,
                     features=FEATURES).double()
     made.length.fill_(2e-3)
-    made.mean.copy_(torch.from_numpy(1e-3 * stream(seed, 'mean').standard_normal(
-        (len(positions), 3))))
+    fields = stream(seed, 'mean').standard_normal((5, len(positions), 3))
+    made.mean.copy_(torch.from_numpy(1e-3 * fields[0]))
+    made.shapes.copy_(torch.from_numpy(fields[1:] / np.sqrt(fields[0].size)))
+    made.spread.copy_(torch.tensor([4e-2, 3e-2, 2e-2, 1e-2]))
     return made
 
 
@@ -173,11 +177,27 @@ def test_relabelling_the_nodes_relabels_the_output_and_changes_nothing_else():
     weights['upsamplings.2.unpool.rho'] = weights['upsamplings.2.unpool.rho'][
         np.argsort(fine)][by_pool][now]
     weights['mean'] = weights['mean'][back]
+    weights['shapes'] = weights['shapes'][:, back]
     other.load_state_dict(weights)
     u = states()
     (m1, s1), (m2, s2) = one.encode(u), other.encode(u[:, back])
     assert torch.allclose(m1, m2, atol=1e-11) and torch.allclose(s1, s2, atol=1e-11)
     assert torch.allclose(one.decode(m1)[:, back], other.decode(m1), atol=1e-13)
+
+
+def test_without_the_linear_modes_they_add_nothing():
+    """Table 5.1 as it stands, and what `linear` adds to it: mean and displacement of the modes."""
+    alone = GraphVae(LEVELS, MESH.nodes, replace(OPTIONS, linear=False),
+                     torch.Generator().manual_seed(0), latent=4, features=FEATURES).double()
+    both, u = network(), states()
+    alone.load_state_dict(both.state_dict())
+    modes = both.modes
+    mean, spread = both.encode(u)
+    linear = modes.encode(u.numpy())
+    assert np.allclose(mean.detach() - alone.encode(u)[0].detach(), linear, atol=1e-10)
+    assert torch.equal(spread, alone.encode(u)[1])
+    added = (both.decode(mean) - alone.decode(mean)).detach().numpy()
+    assert np.allclose(added, modes.decode(mean.detach().numpy()) - modes.mean, atol=1e-12)
 
 
 def test_partial_decoder_gives_what_the_whole_one_does():
