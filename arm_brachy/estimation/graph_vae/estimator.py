@@ -30,7 +30,7 @@ from arm_brachy.tissue.newton import NewtonOptions, StaticSolver
 FEWEST = 3                  # markers that fix a rigid motion
 TOLERANCE = 1e-6            # m, between the scene's pads and those of the training
 STATICS = NewtonOptions(tolerance=1e-6)     # a hundredth of what the network leaves
-KEPT = 16                   # travels whose equilibrium is kept
+KEPT = 1000                 # travels whose equilibrium is kept, as latent means
 
 
 class Encoded:
