@@ -27,6 +27,7 @@ class GraphVaeParams:
                             source='reconstruction of test states over their push')
     floor: float = quantity(0.03, 'mm', 'the same without push', low=1e-4, high=10.0,
                             source='optical tracker: 0.025 mm rms of the random error')
-    # sd of the prior over that of the training states about what travel says of them. Judgement,
-    # not fitted: a plant differs from the model in one way, the states in up to six.
-    spread: float = 0.3
+    # sd of the prior over that of the training states about what travel says of them: a plant
+    # differs from the model in one way, the states in up to six. Like `local` the value of least
+    # negative log predictive density on fresh plants (README, "Sizes of the estimator").
+    spread: float = 0.4
