@@ -13,9 +13,9 @@ from arm_brachy.nodes.ticker import Ticker
 class TissueNode(Node):
     """Convert, step the body, convert back.
 
-    Plant (tissue_simulator): in truth/pads, truth/probe, truth/needle, out truth/points,
-        truth/mesh/..., truth/probe_contact, truth/needle_force; the last three inputs and outputs
-        in a cell with a procedure, whose mesh goes out every tick
+    Plant (tissue_simulator): in truth/pads, out truth/points, truth/mesh/...; where there is a
+        probe_controller, in truth/probe, out truth/probe_contact; where there is a needle_driver,
+        in truth/needle, out truth/needle_force; with an ultrasound_imager a mesh every tick
     Model (tissue_model): in actuators/state, out model/points, model/mesh/...
     par  scenario
     """
@@ -26,9 +26,9 @@ class TissueNode(Node):
         setup = parameters.node_setup(self)
         self._frame, self._pads_topic, self._positions_topic = setup.frame, pads_topic, positions
         self._body = cell.build_tissue(setup.cell, side)
-        self._treated = side == 'plant' and setup.cell.scenario.procedure is not None
+        peers = setup.peers if side == 'plant' else ()
         self._mesh_period_ns = round(1e9 / setup.cell.scenario.mesh_rate)
-        if self._treated:
+        if graph.ULTRASOUND_IMAGER.name in peers:
             self._mesh_period_ns = setup.tick_ns
         self._mesh_due_ns = 0
         ticker = Ticker(self, spec, self._work, lockstep=setup.lockstep, tick_ns=setup.tick_ns,
@@ -38,11 +38,12 @@ class TissueNode(Node):
         self._positions_pub = ticker.publisher(positions)
         self._health = Health(self, ticker, self._frame)
         ticker.subscribe(pads_topic)
-        self._probe = self._needle = None
-        if self._treated:
+        self._probe = self._needle = self._contact_pub = self._needle_pub = None
+        if graph.PROBE_CONTROLLER.name in peers:
             self._contact_pub = ticker.publisher(graph.TRUTH_CONTACT)
-            self._needle_pub = ticker.publisher(graph.TRUTH_NEEDLE_FORCE)
             ticker.subscribe(graph.TRUTH_PROBE)
+        if graph.NEEDLE_DRIVER.name in peers:
+            self._needle_pub = ticker.publisher(graph.TRUTH_NEEDLE_FORCE)
             ticker.subscribe(graph.TRUTH_NEEDLE)
         made_ns = 0 if setup.lockstep else self.get_clock().now().nanoseconds
         self._topology_pub(convert.mesh_topology(made_ns, self._frame, self._body.mesh,
@@ -82,8 +83,9 @@ class TissueNode(Node):
             self._needle = convert.needle_of(needle[-1])
 
     def _say_instruments(self, stamp, reading):
-        if self._treated:
+        if self._contact_pub is not None and reading.probe is not None:
             self._contact_pub(convert.probe_contact(stamp, self._frame, reading.probe))
+        if self._needle_pub is not None:
             self._needle_pub(convert.needle_wrench(stamp, self._frame, reading.needle_force,
                                                    self._needle))
 

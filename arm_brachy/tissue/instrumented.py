@@ -32,12 +32,13 @@ from arm_brachy.tissue.probe_reading import read, untouched
 
 MOST_ITERATIONS = 30
 # [m] No finer tolerance than this: skin under the probe's gel would show no difference.
-LOOSEST = 1e-7
+LOOSEST = 1e-6
 # A factor and the columns that it makes new cost as much as so many iterations.
-FACTOR_WORTH = 6
+FACTOR_WORTH = 10
 SURE = 3            # iterations after which their pace is believed
 LEAST_PART = 1 / 64  # of a step, below which it is given up
-INNER = 0.1         # part of the tolerance that the probe's own iteration leaves open
+# The probe's own iteration leaves open a part of the tolerance, before that one of the correction.
+INNER, EARLY = 0.1, 0.01
 BACK = 5e-3         # m by which a probe that appears inside the body is drawn back, repeatedly
 
 
@@ -155,7 +156,7 @@ class Instrumented(QuasiStatic):
         """Iterate from x (n, 3); probe and needle remember what `before` (_Found) says."""
         H, free = self._compliance, self._free.free
         act = _Acting(self, before, X, needle)
-        pace, last = _Pace(self._tolerance), None
+        pace, last, size = _Pace(self._tolerance), None, 0.0
         for count in range(1, MOST_ITERATIONS + 1):
             now = self.statics.assembler.evaluate(x, fields)
             if not now.min_J > 0.0:
@@ -167,7 +168,7 @@ class Instrumented(QuasiStatic):
                 H.learn(last[0], g - last[1], raw - last[2])
             y = x.copy()
             y[free] -= H.updated(r, raw).reshape(-1, 3)
-            d, raw_d = act.respond(y)
+            d, raw_d = act.respond(y, max(INNER * self._tolerance, EARLY * size))
             move = -H.updated(r + d, raw + raw_d)
             size = np.abs(move).max(initial=0.0)
             new = x.copy()
@@ -265,9 +266,10 @@ class _Acting:
         """(n, 3) [N] what the instruments add to the gradient of the potential."""
         return self._q - self._load
 
-    def respond(self, y):
+    def respond(self, y, tolerance):
         """Find their forces anew; without a change of them the nodes would be at y (n, 3) [m].
 
+        tolerance : [m] that the probe's may leave open
         Returns the change d (3f,) [N] of `gradient` on the free nodes, and A^-1 d.
         """
         size = len(self._in._free.dofs)
@@ -277,7 +279,7 @@ class _Acting:
             y = y.copy()
             y[self._in._free.free] -= self._in._compliance.updated(d, raw).reshape(-1, 3)
         if self._X is not None:
-            more = self._touch(y)
+            more = self._touch(y, tolerance)
             d, raw = d + more[0], raw + more[1]
         return d, raw
 
@@ -303,7 +305,7 @@ class _Acting:
         s = self._state
         return np.array([s.force * s.share, s.force * (1.0 - s.share)])
 
-    def _touch(self, y):
+    def _touch(self, y, tolerance):
         H, q = self._in._compliance, self._q
         patch = self._in._contact.patch(y, self._X, self._before.probe)
         if patch is None:
@@ -311,8 +313,7 @@ class _Acting:
             return np.zeros((2, len(self._in._free.dofs)))
         old, self._C = q[patch.nodes], H.among(patch.nodes)
         y0 = y[patch.nodes] + dense.products(self._C, old.ravel()).reshape(-1, 3)
-        self._patch, self._y, new = patch.balanced(y0, self._C, old,
-                                                   INNER * self._in._tolerance)
+        self._patch, self._y, new = patch.balanced(y0, self._C, old, tolerance)
         q[patch.nodes] = new
         return H.of_nodes(patch.nodes, new - old)
 

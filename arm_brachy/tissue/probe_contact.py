@@ -18,7 +18,7 @@ from arm_brachy.tissue.probe_patch import ProbePatch
 GEL = ContactLaw(depth=1e-4, onset=3e-4)
 # The face is narrower than the triangles of a usual mesh: quadrature points every 1 to 2 mm.
 FINEST = 1.5e-3
-MARGIN = 2e-3   # m by which faces must be clear of the probe to be left out of an iteration
+MARGIN = 3e-4   # m by which faces must be clear of the probe to be left out of an iteration
 
 
 @dataclass(frozen=True)
