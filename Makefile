@@ -36,7 +36,7 @@ validate: setup
 	.venv/bin/python -m pytest -n 2 --dist load -m validate
 
 docs: setup
-	NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict
 	@echo 'site/index.html      with search: python -m http.server -d site, then http://localhost:8000'
 
 clean:

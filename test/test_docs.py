@@ -39,7 +39,7 @@ class Page(HTMLParser):
 def site(tmp_path_factory):
     """The folder of a strict build: a warning, such as a dead link, ends it."""
     folder = tmp_path_factory.mktemp('site')
-    done = subprocess.run([sys.executable, '-m', 'mkdocs', 'build', '--strict', '--quiet',
+    done = subprocess.run([sys.executable, '-m', 'mkdocs', 'build', '--strict',
                            '--site-dir', folder], cwd=ROOT, text=True, capture_output=True,
                           timeout=600, check=False,
                           env={**os.environ, 'NO_MKDOCS_2_WARNING': '1'})
