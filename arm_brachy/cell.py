@@ -32,6 +32,8 @@ from arm_brachy.devices.surface_scanner import PadShadow, Plate, SurfaceScanner
 from arm_brachy.devices.ultrasound_imager import Imager
 from arm_brachy.estimation.live import LiveEstimator
 from arm_brachy.estimation.marker_motion import MarkerMotion
+from arm_brachy.robot.reference import rotation
+from arm_brachy.robot.rigid_body import Arm, frames
 from arm_brachy.robot.template import ImageGeometry, Template
 from arm_brachy.tissue.build import build_body, build_pad, load_scene_mesh, placement_mesh
 from arm_brachy.tissue.contact_poses import ridden
@@ -362,6 +364,14 @@ def build_probe_arm(cell):
                           "scan, or feedback an estimator, whose mesh is the model's")
     return arm.ProbeArm(params, stream(cell.scenario.seed, 'probe_arm'),
                         inside=load_scene_mesh(cell.model).nodes.mean(axis=0))
+
+
+def arm_line(cell, q):
+    """Return (8, 3) [m] of the arm that holds the probe in W: base, then its joints at q (7,)."""
+    params = cell.scenario.probe
+    R_WB = rotation(np.array([0.0, 0.0, params.base_turn]))
+    joints = np.vstack([np.zeros(3), frames(Arm.panda().dh, np.asarray(q, dtype=float))[1]])
+    return np.array(params.base) + joints @ R_WB.T
 
 
 def build_procedure(cell):

@@ -17,7 +17,7 @@ import numpy as np
 
 from arm_brachy import cell as cells
 from arm_brachy import graph
-from arm_brachy.control import push_protocol
+from arm_brachy.control import procedure, push_protocol
 from arm_brachy.control.goal import Goal, GoalKind
 from arm_brachy.control.safety import Permission, Safety
 from arm_brachy.control.sequencer import Action, Phase, at_home
@@ -27,6 +27,7 @@ from arm_brachy.devices.actuator import SimulatedBank
 from arm_brachy.devices.em_tracker import ToolStatus
 from arm_brachy.evaluation.timeseries import TaskWindow
 from arm_brachy.inprocess_log import RunLog
+from arm_brachy.inprocess_probe import ProbeSide
 
 SENSORS = ('em', 'optical', 'force')
 
@@ -72,7 +73,8 @@ class InProcess:
         self.force = cells.build_force_sensor(cell, scenario.force)
         self.estimators = {name: cells.build_estimator(cell, name)
                            for name in graph.estimators_of(scenario)}
-        self.safety = Safety(scenario.limits.pad_force)
+        self.safety = Safety(scenario.limits.pad_force, others={
+            'probe': scenario.limits.probe_force, 'needle': scenario.limits.needle_force})
         self.control = self.sequencer = self.protocol = None
         if scenario.moves:
             self.protocol = cells.build_protocol(cell)
@@ -82,10 +84,11 @@ class InProcess:
         points = {'em': cell.em_tools, 'optical': cells.marker_names(cell), 'force': ()}
         self._feeds = {name: cells.PointFeed(points[name]) for name in SENSORS}
         self._permission, self._home_due = Permission.HOLD, True
-        self._permit(Permission.HOLD, 'no word from the supervisor yet')
         self._effort, self._command = None, None
         self._ticks, self.step, self.finished = 0, None, False
         self._log, self._goal = RunLog(cell), None
+        self.probe = None if scenario.procedure is None else ProbeSide(cell, self._log)
+        self._permit(Permission.HOLD, 'no word from the supervisor yet')
 
     @property
     def t(self):
@@ -97,6 +100,8 @@ class InProcess:
         """True once the last task or move is over."""
         if self.protocol is not None:
             return self.protocol.moves_over
+        if self.probe is not None:
+            return self.probe.procedure.phase in (procedure.Phase.HOMING, procedure.Phase.FINISHED)
         last = len(self._cell.scenario.tasks) - 1
         return self.sequencer.index >= last and self.sequencer.phase in (Phase.HOMING,
                                                                          Phase.FINISHED)
@@ -107,7 +112,10 @@ class InProcess:
             self._hear_supervisor()
         self._ticks += 1
         state = self._drive()
-        reading = self.body.step(self.t, state.pad)
+        instruments = () if self.probe is None else self.probe.before(self.t, self._permission)
+        reading = self.body.step(self.t, state.pad, *instruments)
+        if self.probe is not None:
+            self.probe.after(self.t, reading)
         self._log.note('tissue_simulator', reading.outcome)
         self._log.add('points', self.t, reading.points)
         heard = self._sense_target(reading)
@@ -119,11 +127,14 @@ class InProcess:
         else:
             if self.control is not None:
                 self._steer(state, heard)
-            self._operate(state)
+            if self.probe is None:
+                self._operate(state)
+            else:
+                self._conduct(state, heard)
 
     def data(self):
         """What happened so far as RunData; a task or move that is not over yet is left out."""
-        return self._log.data(self.body.point_names)
+        return self._log.data(self.body.point_names, self.body.mesh)
 
     def _hear_supervisor(self):
         """What it said at the end of the tick before; until it has spoken nothing moves."""
@@ -136,7 +147,7 @@ class InProcess:
             self.driver.hold()
 
     def _permit(self, permission, reason):
-        for one in (self.control, self.protocol):
+        for one in (self.control, self.protocol, self.probe):
             if one is not None:
                 one.permit(permission, reason)
 
@@ -212,6 +223,8 @@ class InProcess:
                 self._log.estimate(name, step.estimate)
                 if name == self._cell.scenario.feedback:
                     t = round(step.estimate.t * 1e9) * 1e-9
+                    if self.probe is not None and step.estimate.x is not None:
+                        self.probe.hear_mesh(self.t, step.estimate.x)
                     heard += [(target, t, point) for target, point in zip(
                         step.estimate.targets, step.estimate.points, strict=True)]
         return heard
@@ -245,6 +258,42 @@ class InProcess:
             if refusal:
                 self._log.count('push_protocol', Outcome.REJECTED, refusal)
         self.finished = step.action is push_protocol.Action.FINISH
+
+    def _conduct(self, state, heard):
+        """A tick of a procedure."""
+        target = self._cell.scenario.procedure.target
+        for _, t, position in (h for h in heard if h[0] == target):
+            self.probe.procedure.hear_target(t, position)
+        self.probe.watch(self.safety, self.t)
+        self.finished = self.probe.conduct(self.t, at_home(state.q, state.velocity), self)
+
+    def set_goal(self, position):
+        """Bring the procedure's target to a position (3,) [m]; returns a refusal, '' if none."""
+        asked = self._cell.scenario.procedure
+        axes = tuple(a in asked.axes for a in 'xyz')
+        try:
+            answer = self.control.pursue(Goal(asked.target, tuple(position), GoalKind.POSITION,
+                                              axes))
+        except CommandRefused as refusal:
+            return str(refusal)
+        self._goal = (asked, self.t, answer, np.array(axes))
+        return ''
+
+    def release(self):
+        """Drop the goal and send the pads home; returns a refusal, '' if none."""
+        self.end_move()
+        self.control.abort()
+        return self._send_home()
+
+    def end_move(self):
+        """The target has arrived: what comes later is no part of the task."""
+        if self._goal is not None:
+            asked, start, answer, axes = self._goal
+            mode = f'{self._cell.scenario.control.loop}_loop'
+            self._log.windows.append(TaskWindow(
+                procedure.MOVE, asked.target, start, self.t, answer.start, answer.reference, axes,
+                mode))
+            self._goal = None
 
     def _operate(self, state):
         action = self.sequencer.step(self.t, at_home(state.q, state.velocity))

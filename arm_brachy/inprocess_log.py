@@ -15,8 +15,10 @@ from arm_brachy.evaluation.timeseries import (
     RunData,
     Series,
     TargetEstimates,
+    Tissue,
 )
-from arm_brachy.offline import with_scene
+from arm_brachy.offline import tasks_planned, with_scene
+from arm_brachy.offline_procedure import FRAME_EVERY, procedure_of, with_instruments
 from arm_brachy.scenario import bundle
 
 
@@ -24,6 +26,7 @@ class RunLog:
     """Samples by signal, tasks and moves, outcomes as the nodes would publish them.
 
     windows : list of TaskWindow;  events : list of control.move_events.Event; both grow
+    steps, periods, frames, shafts : of a procedure, see offline_procedure.procedure_of
     """
 
     def __init__(self, cell):
@@ -32,10 +35,17 @@ class RunLog:
         self._pads = tuple(p.name for p in cell.scene.pads)
         self._samples, self.windows, self.events = defaultdict(list), [], []
         self._outcomes, self._now, self._said = Counter(), {}, {}
+        self.steps, self.periods, self.frames, self.shafts = [], [], [], {}
+        self._shapes = []
 
     def add(self, signal, t, value):
         """Append one sample at t [s]."""
         self._samples[signal].append((t, value))
+
+    def shape(self, t, x):
+        """Keep the plant's nodes (n, 3) [m], one in a second: pictures need no more."""
+        if not self._shapes or t - self._shapes[-1][0] >= FRAME_EVERY:
+            self._shapes.append((t, x))
 
     def estimate(self, name, estimate):
         """Append what an estimator said (Estimate) of each target."""
@@ -55,10 +65,10 @@ class RunLog:
         self._outcomes[source, outcome.name] += 1
         self._said[source, outcome.name] = message or outcome.advice
 
-    def data(self, point_names):
+    def data(self, point_names, mesh=None):
         """What happened so far as RunData; a task or move that is not over yet is left out.
 
-        point_names : of the columns of the signal 'points'
+        point_names : of the columns of the signal 'points';  mesh : TetMesh of the plant's nodes
         """
         scenario, origin = self._cell.scenario, provenance.of(self._cell)
         points, forces = self._series('points'), self._forces()
@@ -68,14 +78,19 @@ class RunLog:
             name=scenario.name, scenario=bundle(self._cell)['scenario.yaml'], seed=scenario.seed,
             commit=origin['commit'], machine=origin['machine'], recorded_at=origin['start'],
             feedback=scenario.feedback,
-            tasks=tuple(self.windows), tasks_planned=len(scenario.tasks) or None,
+            tasks=tuple(self.windows), tasks_planned=tasks_planned(scenario),
             moves=move_windows(self.events), moves_planned=len(scenario.moves) or None,
             truth=truth, em=self._em(), encoder=self._series('encoder'), encoder_pads=self._pads,
             command_position=self._series('command'), pad_displacement=self._series('pads'),
             optical=self._optical(), force=forces, estimates=self._estimates(),
             force_pads=() if forces is None else tuple(sorted(self._pads)),
             outcomes=tuple(NodeOutcome(*key, n, self._said[key])
-                           for key, n in sorted(self._outcomes.items())))
+                           for key, n in sorted(self._outcomes.items())),
+            procedure=with_instruments(procedure_of(
+                self._series, self.steps, self.periods, self.frames, self.shafts), self._cell),
+            tissue=None if mesh is None or not self._shapes else Tissue(
+                np.array([t for t, _ in self._shapes]), np.stack([x for _, x in self._shapes]),
+                mesh.nodes, mesh.tets))
         return with_scene(found, self._cell.scene)
 
     def _series(self, name):

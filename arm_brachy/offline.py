@@ -330,6 +330,8 @@ def _topics(tally, kinds):
     published = Counter()
     for (_, name), count in tally.published.items():
         published['/' + name.lstrip('/')] += count
+    for topic in procedure.DECIMATED:   # the recorder keeps some of them: no loss can be told
+        published.pop('/' + topic.name, None)
     for name in published:  # of a run that died, messages outlive the last count of their sender
         published[name] = max(published[name], len(tally.stamps.get(name, ())))
     return tuple(TopicRecord(name, kinds[name], np.sort(np.array(tally.stamps[name])),
@@ -385,11 +387,15 @@ def with_cell(run, cell):
     """
     scenario, mode = cell.scenario, f'{cell.scenario.control.loop}_loop'
     return replace(with_scene(run, cell.scene), feedback=scenario.feedback,
-                   tasks_planned=len(scenario.tasks) or (
-                       None if scenario.procedure is None else 1),
+                   tasks_planned=tasks_planned(scenario),
                    procedure=procedure.with_instruments(run.procedure, cell),
                    moves_planned=len(scenario.moves) or None,
                    tasks=tuple(replace(window, mode=mode) for window in run.tasks))
+
+
+def tasks_planned(scenario):
+    """Goals that are set in a run of a Scenario; None where there are none."""
+    return len(scenario.tasks) or (None if scenario.procedure is None else 1)
 
 
 def ticks(cell, t_end, t_start=0.0):

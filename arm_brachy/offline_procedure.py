@@ -137,3 +137,5 @@ HANDLERS = (
     (graph.PROCEDURE, _on_procedure))
 # Not decoded: nobody evaluates them, and they are most of a bag.
 UNREAD = (graph.ULTRASOUND_IMAGE, graph.ULTRASOUND_INFO, graph.SURFACE)
+# Of these the recorder keeps some a second.
+DECIMATED = (graph.ULTRASOUND_IMAGE, graph.ULTRASOUND_OVERLAY)

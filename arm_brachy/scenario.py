@@ -326,7 +326,7 @@ def _check_procedure(scenario, scene, place):
                           'three of x, y, z, each once')
     size = scenario.template.columns, scenario.template.rows
     if asked.hole and (len(asked.hole) != 2 or not all(  # noqa: PLR2004 - column and row
-            0 <= k < n for k, n in zip(asked.hole, size, strict=True))):
+            0 <= k < n for k, n in zip(asked.hole, size, strict=False))):
         raise ConfigError(f"{place('procedure', 'hole')} = {list(asked.hole)}; must be a column "
                           f'from 0 to {size[0] - 1} and a row from 0 to {size[1] - 1} of the '
                           'template, or empty: chosen')

@@ -20,7 +20,8 @@ NUMERICAL = {
 # Of these, each may import all numerical parts and whatever stands before it.
 COMPOSITION = (
     'scenario', 'provenance', 'graph', 'cell', 'offline_procedure', 'offline', 'inprocess_log',
-    'inprocess', 'diagnosis', 'evaluate', 'launcher', 'experiments', 'prove', 'cli', '__main__',
+    'inprocess_probe', 'inprocess', 'diagnosis', 'evaluate', 'launcher', 'experiments', 'prove',
+    'cli', '__main__',
 )
 ALLOWED = {
     '__init__': set(),

@@ -275,3 +275,24 @@ def test_damping_of_an_overlay_is_that_of_its_side_alone(files):
     cell = load_cell(files({'plant': {'rayleigh_alpha_per_s': 2.0, 'rayleigh_beta_ms': 1.5}}))
     assert (cell.plant.rayleigh_alpha, cell.plant.rayleigh_beta) == (2.0, 1.5e-3)
     assert cell.model.rayleigh_alpha == cell.scene.rayleigh_alpha == 0.0
+
+
+PROCEDURE = 'procedure: {target: target_1'
+
+
+@pytest.mark.parametrize(('text', 'said'), [
+    (f'feedback: map\n{PROCEDURE}, hole: [13, 0]}}', r'hole = \[13, 0\]; must be a column from 0 '
+                                                     'to 12'),
+    (f'feedback: map\n{PROCEDURE}, hole: [1]}}', r'hole = \[1\]; must be a column'),
+    (f'feedback: map\n{PROCEDURE}, axes: [x, x]}}', r"axes = \['x', 'x'\]; must be one to three"),
+    (f'{PROCEDURE}}}', "feedback = 'em'; must be an estimator"),
+    ('feedback: map\nprocedure: {target: nobody}', "target = 'nobody'; must be a target"),
+    (f'feedback: map\n{PROCEDURE}}}\ntasks: [{{name: a, target: target_1, axes: [x], '
+     'displacement_mm: [1, 0, 0]}]', 'procedure beside tasks = 1; must be one of them'),
+])
+def test_a_procedure_that_cannot_be_is_one_line(tmp_path, text, said):
+    path = tmp_path / 'x.yaml'
+    path.write_text(f'name: x\nseed: 1\nscene: {BREAST}\n{text}\n')
+    with pytest.raises(ConfigError, match=said) as why:
+        load_cell(path)
+    assert '\n' not in str(why.value)

@@ -26,6 +26,7 @@ from arm_brachy.control.overlay_reader import OverlayReader
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.outcome import Outcome
 
+MOVE = 'bring_target'   # name of the task during which the pads move the target
 AVERAGED = 1.0      # s of estimates whose mean is where the target is
 _FRESH = 0.5        # s, age from which on an estimate says nothing any more
 _STEP = 0.2e-3      # m by which a wanted depth has to change before it is ordered
@@ -55,6 +56,7 @@ class Kind(Enum):
     """What can be ordered; the value is `Order.value`'s meaning."""
 
     SET_GOAL = 'position (3,) [m] of the target'
+    ARRIVED = 'nothing: the target is at its goal, which the pads keep'
     RELEASE = 'nothing: drop the goal and send the pads home'
     SCAN = 'nothing: scan the skin'
     PLACE = 'hole (3,) [m], roll [rad]'
@@ -223,9 +225,10 @@ class Procedure:
             return None
         if self._calm_since is None:
             self._calm_since = self._t
-        if self._t - self._calm_since >= self.params.calm:
-            self._enter(Phase.SCANNING)
-        return None
+        if self._t - self._calm_since < self.params.calm:
+            return None
+        self._enter(Phase.SCANNING)
+        return [Order(Kind.ARRIVED)]
 
     def _scanning(self):
         if not self._ordered:

@@ -59,7 +59,7 @@ def tip_over_depth(data):
     path.set_ylabel('off axis\n/ mm')
     path.set_xlabel('depth of the tip along the hole / mm')
     for one in (plane, image, path):
-        one.legend(loc='upper left', ncols=3)
+        one.legend(loc='lower right', ncols=3)
     figure.align_ylabels([plane, image, path])
     return Plate('tip_over_depth', figure, (
         'The true tip over its depth, during the insertion. Top: its distance from the image '
@@ -93,7 +93,7 @@ def contact_force(data):
                label='measured', rasterized=True)
     force.plot(data.state.t, data.state.values[:, 2], color=GOAL, ls='--', lw=1.1, label='goal')
     force.set_ylabel('probe on tissue / N')
-    force.legend(loc='upper left', ncols=2)
+    force.legend(loc='center left', ncols=1)
     depth.plot(data.needle.t, data.needle.values[:, 0] * MM, color=OURS, label='depth / mm')
     depth.set_ylabel('needle depth / mm')
     load = depth.twinx()
@@ -114,7 +114,7 @@ def _mark_steps(axes, data, end):
     times = [*(t for t, _ in data.steps), end]
     for (t, said), later in zip(data.steps, times[1:], strict=True):
         axes.axvline(t, color='#9aa5ad', lw=0.6)
-        if later - t > 0.03 * (end - times[0]):
+        if later - t > 0.06 * (end - times[0]):
             axes.text((t + later) / 2, 0.97, said['phase'], transform=axes.get_xaxis_transform(),
                       ha='center', va='top', rotation=20 if later - t < 0.12 * end else 0,
                       fontsize=7.5)

@@ -6,6 +6,7 @@ Each module has a NAME, as on the command line, and `reproduce(folder)`, which t
 
 from arm_brachy.experiments import (
     appendix_a,
+    chapter_6,
     diagnosis_laboratories,
     diagnosis_study,
     diagnosis_time,
@@ -43,4 +44,5 @@ EXPERIMENTS = {module.NAME: module.reproduce
                              node_errors, panda_torques, table_4_1, estimate_feedback,
                              import_fuzz, appendix_a, figure_4_5, figure_4_6, figure_4_7,
                              figure_5_7, figure_5_8, figure_5_9, figure_5_11, figure_5_12,
-                             liver, needle_force)}
+                             liver, needle_force,
+                             chapter_6)}

@@ -4,7 +4,7 @@ from std_srvs.srv import Trigger
 
 from arm_brachy import cell as cells
 from arm_brachy import graph
-from arm_brachy.control.procedure import Kind, NeedleSeen, ProbeSeen
+from arm_brachy.control.procedure import MOVE, Kind, NeedleSeen, ProbeSeen
 from arm_brachy.control.safety import Permission
 from arm_brachy.control.sequencer import at_home
 from arm_brachy.core.outcome import Outcome
@@ -14,7 +14,6 @@ from arm_brachy_msgs.srv import SetGoal
 
 TRIGGERS = {Kind.SCAN: 'surface_scanner/scan', Kind.FOLLOW: 'probe_controller/follow',
             Kind.HOLD: 'probe_controller/hold', Kind.RETRACT: 'probe_controller/retract'}
-MOVE = 'bring_target'       # name of the task during which the pads move the target
 HOLE_NAMES = ('hole_x', 'hole_y', 'hole_z', 'roll')
 
 
@@ -89,6 +88,9 @@ class ProcedureConductor:
         order, rest = orders[0], orders[1:]
         if order.kind is Kind.SET_GOAL:
             self._set_goal(t_ns, order.value, lambda: self._next(t_ns, rest, done))
+        elif order.kind is Kind.ARRIVED:
+            self._say_task(t_ns, TaskState.DONE)
+            self._next(t_ns, rest, done)
         elif order.kind is Kind.RELEASE:
             self._release(t_ns, lambda: self._next(t_ns, rest, done))
         elif order.kind in self._triggers:
