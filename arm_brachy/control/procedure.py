@@ -220,12 +220,7 @@ class Procedure:
         here = self.target
         self._error = np.inf if here is None else float(np.linalg.norm(
             (here - self.plan.goal)[self._axes]))
-        if self._error > self.params.tolerance:
-            self._calm_since = None
-            return None
-        if self._calm_since is None:
-            self._calm_since = self._t
-        if self._t - self._calm_since < self.params.calm:
+        if not self._lasts_calm(self._error <= self.params.tolerance):
             return None
         self._enter(Phase.SCANNING)
         return [Order(Kind.ARRIVED)]
@@ -254,8 +249,9 @@ class Procedure:
             self._ordered = True
             return [Order(Kind.FOLLOW)]
         if probe.phase == FOLLOW and probe.in_contact:
-            self._enter(Phase.INSERTING)
-        elif self._elapsed > _FRESH:
+            if self._lasts_calm(True):
+                self._enter(Phase.INSERTING)
+        elif not self._lasts_calm(False) and self._elapsed > _FRESH:
             self._probe_well()
         return None
 
@@ -321,6 +317,14 @@ class Procedure:
     def _there(self, depth):
         return abs(self._needle.depth - depth) < _ARRIVED
 
+    def _lasts_calm(self, good):
+        """True once something has been good for as long as `params.calm` says."""
+        if not good:
+            self._calm_since = None
+        elif self._calm_since is None:
+            self._calm_since = self._t
+        return good and self._t - self._calm_since >= self.params.calm
+
     def _depth_wanted(self):
         """Depth (m) at which the tip is level with the target, as it is now."""
         here = self.target
@@ -371,6 +375,7 @@ class Procedure:
 
     def _enter(self, phase):
         self.phase, self._since, self._ordered, self._waits = phase, self._t, False, None
+        self._calm_since = None
 
     def _fail(self, outcome, message):
         self.outcome, self.message = outcome, f'{self.phase.value}: {message}'

@@ -74,7 +74,8 @@ class ProcedureParams:
     tolerance: float = quantity(0.5, 'mm', 'distance from its goal at which the target has '
                                            'arrived', low=0.01, high=10.0,
                                 source='twice the steady-state error of target_1_markers')
-    calm: float = quantity(1.0, 's', 'that the target has to stay there', low=0.0, high=60.0,
+    calm: float = quantity(1.0, 's', 'that the target has to stay at its goal, and the '
+                           'probe in contact, before the next step', low=0.0, high=60.0,
                            source='ten control periods')
     view: float = quantity(25.0, 'mm', 'before the target, along the needle, where the probe '
                                        'finds the tip for the first time', low=0.0, high=200.0,
