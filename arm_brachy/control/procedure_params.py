@@ -77,10 +77,10 @@ class ProcedureParams:
     calm: float = quantity(1.0, 's', 'that the target has to stay at its goal, and the '
                            'probe in contact, before the next step', low=0.0, high=60.0,
                            source='ten control periods')
-    view: float = quantity(25.0, 'mm', 'before the target, along the needle, where the probe '
-                                       'finds the tip for the first time', low=0.0, high=200.0,
-                           source='own choice: the skin of a breast is flat enough for a probe '
-                                  'over the middle 50 mm')
+    view: float = quantity(18.0, 'mm', 'before the target, along the needle, where the probe '
+                           'finds the tip for the first time', low=0.0, high=200.0,
+                           source='own choice: a probe that turns by 45 degrees about a point 20 '
+                                  'mm over the needle sees 20 mm to either side')
     speed: float = quantity(5.0, 'mm_s', 'of insertion', low=0.1, high=200.0,
                             source='robotic insertion: 5 to 20 mm/s')
     withdrawal: float = quantity(20.0, 'mm_s', 'speed of the way out, and of the way to the skin',

@@ -126,10 +126,11 @@ def _what_ran(run):
     first, last = run.span()
     if run.procedure is not None:
         p = run.procedure
+        lasting = p.steps[-1][0] - p.steps[0][0]
         hole = p.plan.get('hole', '').replace(' ', ', ')
         where = f' through hole {hole}' if hole else ''
         return (f'Procedure on {p.target}{where}: {p.strategy} strategy, {p.control} control, '
-                f'{"with" if p.overlay else "without"} overlay; {last - first:.1f} s recorded.')
+                f'{"with" if p.overlay else "without"} overlay; {lasting:.1f} s.')
     modes = sorted({task.mode.replace('_', ' ') for task in run.tasks})
     targets = sorted({task.target for task in run.tasks})
     lasted = f'{last - first:.1f} s recorded' if np.isfinite(last - first) else 'nothing recorded'
