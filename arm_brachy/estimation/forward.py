@@ -19,13 +19,15 @@ class Forward:
 
     scene, terms, targets, markers : as `ModelBody`;  prior : unknowns.PriorParams
     tolerance : [m] largest correction left open at an equilibrium
+    single : derivatives from a factor in single precision, good to some 1e-5 of themselves
     Attributes: model (ModelBody), unknowns (Unknowns), n_markers, n_targets
         watch : (3n, 3w) d point coordinates / d x, transposed
         derivatives : unknowns.Derivatives of the last `response`
     Points are markers first, then targets. Not to be shared between threads.
     """
 
-    def __init__(self, scene, terms, targets, markers, prior, *, tolerance=TOLERANCE):
+    def __init__(self, scene, terms, targets, markers, prior, *, tolerance=TOLERANCE,
+                 single=False):
         self.model = ModelBody(scene, terms, targets, markers)
         self.n_markers, self.n_targets = len(self.model.markers), len(self.model.targets)
         names = (*self.model.markers, *self.model.targets)
@@ -34,6 +36,7 @@ class Forward:
         self.unknowns = Unknowns(body, prior, lambda mesh: embed(mesh, rest, names=names))
         self._rider = embed(body.mesh, rest, names=names)
         self._assembler = Assembler(body)
+        self._single = single
         self._options = NewtonOptions(tolerance=tolerance)
         self.watch = self._rows()
         held = held_nodes(body)
@@ -87,7 +90,7 @@ class Forward:
     def linearise(self, x, fields=None):
         """Return the jacobian.Linearisation at an equilibrium x; good until the next call."""
         if self._linearisation is None:
-            self._linearisation = Linearisation(self._solver, x, fields)
+            self._linearisation = Linearisation(self._solver, x, fields, single=self._single)
         else:
             self._linearisation.move_to(x, fields)
         return self._linearisation
@@ -106,6 +109,15 @@ class Forward:
         held = self._held
         return (h[held].T @ found.motion[held] - a.T @ found.rate
                 + found.shift.reshape(-1, found.shift.shape[2]))
+
+    def pad_response(self):
+        """Return d (points, x) / d travel of the pads, (3w + 3n, p) [1], after a `response`."""
+        motion = np.zeros((self.watch.shape[0], len(self.model.directions)))
+        for i, pad in enumerate(self.model.body.pads):
+            motion[(3 * pad.nodes[:, None] + np.arange(3)).ravel(), i] = np.tile(
+                pad.direction, len(pad.nodes))
+        moved = self._linearisation.respond(motion)
+        return np.vstack([self.watch.T @ moved, moved])
 
     def nodal_response(self, x, q, fields=None):
         """Return d x / d unknowns, (3n, k): one back-solve for each unknown."""

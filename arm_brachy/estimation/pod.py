@@ -44,7 +44,8 @@ class PodParams:
     members: int = 100                  # es_mda only
     assimilations: int = 5              # es_mda only
     seed: int = 0                       # of the sampled pushes and the members
-    prior: PriorParams = field(default_factory=PriorParams)
+    # one prior for all kinds at once: narrower where map's holds for the one that is suspected
+    prior: PriorParams = field(default_factory=lambda: PriorParams(fibres=0.05, base=0.25e-6))
 
 
 class Pod:

@@ -22,6 +22,7 @@ from arm_brachy.experiments import (
     figure_5_9,
     figure_5_11,
     figure_5_12,
+    fit_estimators,
     import_fuzz,
     liver,
     model_verification,
@@ -44,5 +45,5 @@ EXPERIMENTS = {module.NAME: module.reproduce
                              node_errors, panda_torques, table_4_1, estimate_feedback,
                              import_fuzz, appendix_a, figure_4_5, figure_4_6, figure_4_7,
                              figure_5_7, figure_5_8, figure_5_9, figure_5_11, figure_5_12,
-                             liver, needle_force,
+                             liver, needle_force, fit_estimators,
                              chapter_6)}

@@ -22,7 +22,8 @@ class Entry:
     name : as in the table's rows;  build : (scene, terms, targets, markers, params) -> Estimator
     params : given to build; None = its defaults
     noisy : False where what it says does not depend on the markers: one seed then serves for all
-    memory : False where an estimate depends on its own frame alone: no other is then computed
+    memory : False where an estimate depends on its Surface alone: it is then asked at the end of
+        every hold only, all seeds at one travel after each other
     thesis : number of markers -> mean target error that the thesis prints [mm]
     """
 
@@ -45,19 +46,20 @@ def on_mesh(name, build):
 
 
 KF_ADMM = {19: 0.8, 10: 1.1}   # mm, thesis sec. 4.4.2
-OPEN_LOOP = Entry('open_loop', open_loop.build, noisy=False, thesis={19: 1.7, 10: 1.7})
+OPEN_LOOP = Entry('open_loop', open_loop.build, noisy=False, memory=False,
+                   thesis={19: 1.7, 10: 1.7})
 ESTIMATORS = (
     OPEN_LOOP,
     Entry('rigid', rigid.build),
     Entry('kf_admm', kf_admm.build, thesis=KF_ADMM),
     Entry('kf_admm_white', kf_admm.build, KfAdmmParams(process='white'), thesis=KF_ADMM),
-    Entry('pod', pod.build),
-    Entry('pod_es_mda', pod.build, PodParams(update='es_mda')),
+    Entry('pod', pod.build, memory=False),
+    Entry('pod_es_mda', pod.build, PodParams(update='es_mda'), memory=False),
     Entry('graph_vae', graph_vae.build, memory=False),
-    Entry('map', map_estimator.build, MapParams(mesh=RIMS)),
+    Entry('map', map_estimator.build, MapParams(mesh=RIMS), memory=False),
     # not on the model's mesh but on that of `map`
-    Entry('open_loop_rims', on_mesh(RIMS, open_loop.build), noisy=False),
-    Entry('pod_rims', on_mesh(RIMS, pod.build)),
+    Entry('open_loop_rims', on_mesh(RIMS, open_loop.build), noisy=False, memory=False),
+    Entry('pod_rims', on_mesh(RIMS, pod.build), memory=False),
 )
 
 

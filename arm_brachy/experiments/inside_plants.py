@@ -153,6 +153,15 @@ def solve(name, pads, scene=None, depths=DEPTHS):
     """
     scene = scene or plant_scene()
     body = Body(scene, (*registry.parse_terms([PLANTS[name]], name), FullIntegration()))
+    return pushed(body, name, pads, depths, scene)
+
+
+def pushed(body, name, pads, depths, scene):
+    """Push a body with some pads to every depth, from rest; returns Push.
+
+    body : cell.Body at rest;  name : for messages;  pads : names;  depths : [m], increasing
+    scene : whose markers and targets are read. Raises NotConverged.
+    """
     pushing = np.array([pad in pads for pad in body.pad_names], dtype=float)
     q = np.outer([0.0, *depths], pushing)
     walk = Walk(body, name)

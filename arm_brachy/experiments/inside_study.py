@@ -10,7 +10,7 @@ import functools
 import sys
 import time
 from concurrent.futures import as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -56,37 +56,56 @@ def run(folder, names=None, *, plants=tuple(inside_plants.PLANTS), sets=tuple(MA
     names = [e.name for e in inside_estimators.ESTIMATORS] if names is None else list(names)
     solved = {plant: tuple(push for push in pushes if push.pads in groups) for plant, pushes in
               inside_plants.plants(Path(folder).parent / CACHE, plants).items()}
-    jobs = [(name, count, plant) for name in names for count in sets for plant in plants]
+    jobs = [(name, count, part) for name in names for count in sets for part in (
+        [(plant,) for plant in plants] if inside_estimators.entry(name).memory else [plants])]
     done = {}
     with process_pool(len(jobs)) as pool:
-        futures = {pool.submit(score, *job, solved[job[2]], seeds): job for job in jobs}
-        for future in as_completed(futures):
-            job = futures[future]
-            done[job] = future.result()
-            print(f'{len(done)} of {len(jobs)}: {job[0]}, {job[1]} markers, plant {job[2]}: '
-                  f'{1e3 * np.nanmean(done[job].error):.3f} mm', file=sys.stderr)
-    return {job: done[job] for job in jobs}
+        futures = {pool.submit(scores_of, name, count, {p: solved[p] for p in part}, seeds):
+                   (name, count) for name, count, part in jobs}
+        for i, future in enumerate(as_completed(futures)):
+            name, count = futures[future]
+            for plant, found in future.result().items():
+                done[name, count, plant] = found
+                print(f'{i + 1} of {len(jobs)}: {name}, {count} markers, plant {plant}: '
+                      f'{1e3 * np.nanmean(found.error):.3f} mm', file=sys.stderr)
+    return {(name, count, plant): done[name, count, plant]
+            for name in names for count in sets for plant in plants}
 
 
 def score(name, count, plant, pushes, seeds):
-    """Scores of one estimator on the pushes of one plant.
+    """Scores of one estimator on the pushes of one plant; arguments as `scores_of`."""
+    return scores_of(name, count, {plant: pushes}, seeds)[plant]
 
-    name : of the estimator;  count : of markers;  plant : name;  pushes : tuple of Push
+
+def scores_of(name, count, solved, seeds):
+    """Scores of one estimator on the pushes of plants that are pushed alike: plant -> Scores.
+
+    name : of the estimator;  count : of markers;  solved : plant -> tuple of Push
     The estimator is built on the model's scene and stepped through Sessions; true targets are
     only compared with.
     """
     estimator, markers = _built(name, count)
-    real, targets = inside_plants.plant_scene(), estimator.targets
-    drawn = seeds if inside_estimators.entry(name).noisy else 1
-    parts, cpu = [], []
-    for push in pushes:
-        for k in range(drawn):
-            seen = session(real, push, markers, SEED, f'{plant}/{"+".join(push.pads)}/{k}')
-            estimates = _estimates(estimator, seen, cpu, inside_estimators.entry(name).memory)
-            parts.append([compare(one, true) for one, true in
-                          zip(estimates, push.targets[1:], strict=True)])
-    table = np.array(parts).reshape(len(pushes), drawn, -1, 2, len(targets))
-    table = np.moveaxis(table, 1, 2).reshape(-1, drawn, 2, len(targets))
+    entry = inside_estimators.entry(name)
+    drawn = seeds if entry.noisy else 1
+    parts, cpu = {plant: [] for plant in solved}, {plant: [] for plant in solved}
+    for pushes in zip(*solved.values(), strict=True):
+        seen = [(plant, session(inside_plants.plant_scene(), push, markers, SEED,
+                                f'{plant}/{"+".join(push.pads)}/{k}'))
+                for plant, push in zip(solved, pushes, strict=True) for k in range(drawn)]
+        times = [cpu[plant] for plant, _ in seen]
+        said = (_all_along if entry.memory else _at_the_ends)(
+            estimator, [one for _, one in seen], times)
+        for (plant, _), each in zip(seen, said, strict=True):
+            true = dict(zip(solved, pushes, strict=True))[plant].targets[1:]
+            parts[plant].append([compare(*pair) for pair in zip(each, true, strict=True)])
+    return {plant: _scores(pushes, parts[plant], drawn, seeds, cpu[plant])
+            for plant, pushes in solved.items()}
+
+
+def _scores(pushes, parts, drawn, seeds, cpu):
+    table = np.array(parts)     # (pushes x drawn, depths, 2, k)
+    table = table.reshape(len(pushes), drawn, -1, *table.shape[-2:])
+    table = np.moveaxis(table, 1, 2).reshape(-1, drawn, *table.shape[-2:])
     table = np.repeat(table, seeds // drawn, axis=1)
     depth = np.concatenate([push.q[1:].max(axis=1) for push in pushes])
     return Scores(depth, table[:, :, 0], table[:, :, 1], np.array(cpu))
@@ -101,20 +120,32 @@ def _built(name, count):
                        entry.params), markers
 
 
-def _estimates(estimator, seen, cpu, memory):
-    """Estimates at the end of every depth; the time of every step is appended to cpu.
-
-    memory : False where the frames between need not be given; what it solved for one session
-        then serves the next
-    """
-    if memory:
+def _all_along(estimator, seen, times):
+    """Estimates at the end of every depth of each Session; steps' times are appended to times."""
+    said = []
+    for one, cpu in zip(seen, times, strict=True):
         estimator.reset()
-    said = {}
-    for i in range(len(seen.surfaces)) if memory else seen.ends:
-        begin = time.process_time()
-        said[i] = estimator.step(seen.surfaces[i])
-        cpu.append(time.process_time() - begin)
-    return [said[i] for i in seen.ends]
+        every = [_timed(estimator, surface, cpu) for surface in one.surfaces]
+        said.append([every[i] for i in one.ends])
+    return said
+
+
+def _at_the_ends(estimator, seen, times):
+    """The same of an estimator without memory: a depth at a time, one Session after the other."""
+    estimator.reset()
+    said = [[] for _ in seen]
+    for d in range(len(seen[0].ends)):
+        for k, (one, cpu) in enumerate(zip(seen, times, strict=True)):
+            surface = replace(one.surfaces[one.ends[d]], t=float(1 + d * len(seen) + k))
+            said[k].append(_timed(estimator, surface, cpu))
+    return said
+
+
+def _timed(estimator, surface, cpu):
+    begin = time.process_time()
+    said = estimator.step(surface)
+    cpu.append(time.process_time() - begin)
+    return said
 
 
 def compare(estimate, truth):

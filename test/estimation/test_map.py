@@ -12,11 +12,12 @@ from arm_brachy.estimation import map as estimator
 from arm_brachy.estimation.estimate import Surface
 from arm_brachy.estimation.forward import TOLERANCE
 from arm_brachy.estimation.gaussian import student_weights
+from arm_brachy.estimation.map_update import hypotheses, own_variance
 from arm_brachy.estimation.unknowns import PriorParams
 
 PRIOR = PriorParams(modulus_modes=8, force_modes=4)
-# Gaussian noise; with memory and iterations, which the defaults leave out
-PARAMS = estimator.MapParams(prior=PRIOR, dof=1e9, memory=30.0, iterations=2)
+# Gaussian noise and one prior; with memory and iterations, which the defaults leave out
+PARAMS = estimator.MapParams(prior=PRIOR, dof=1e9, memory=30.0, iterations=2, others=1.0)
 Q = np.array([0.003, 0.001])
 FRAME = np.diag([1e-3, 1e-3, 1e-3, 2e-4, 2e-4, 2e-4])**2
 
@@ -110,8 +111,8 @@ def test_the_fixed_point_is_a_minimum_of_the_posterior(block):
     surface, _ = truth(built, np.random.default_rng(13))
     assert built.step(surface).outcome.ok
     k, m = built._k, built._m
-    at, s = built._at, built._mean
-    own = np.repeat(np.sqrt(built._own_variance(at)), 3)
+    at, s = built._at, built._state.average()
+    own = np.repeat(np.sqrt(own_variance(at, built.params)), 3)
 
     def slope(points, s):
         left = (surface.markers - points[:m]).ravel() - own * s[k + 6:]
@@ -203,3 +204,45 @@ def test_weights_are_one_inside_and_fall_with_the_square_outside():
     w = student_weights(np.array([0.0, 3.0, 300.0, 3e6]), 4.0)
     assert w[0] == w[1] == 1.0
     assert 0.0 < w[3] < w[2] < 0.05
+
+
+def test_within_reuse_the_linearisation_is_moved_and_as_good_as_a_new_one(block):
+    """The pads' motion is followed to first order: far below a marker's noise at a millimetre."""
+    params = replace(PARAMS, memory=1e-3, iterations=1, reuse=1e-3)
+    moved, fresh = (estimator.build(block.scene, (), block.targets, block.markers, p)
+                    for p in (params, replace(params, reuse=0.0)))
+    surface, _ = truth(moved, np.random.default_rng(21))
+    there = replace(surface, t=1.0, q=Q + [0.9e-3, 0.0])
+    points = fresh._forward.points(fresh._forward.solve(fresh._rest, there.q))
+    there = replace(there, markers=surface.markers + points[:moved._m]
+                    - fresh._forward.points(fresh._forward.solve(fresh._rest, Q))[:moved._m])
+    for one in (moved, fresh):
+        one.reset()
+        one.step(surface)
+    before = moved._at
+    a, b = moved.step(there), fresh.step(there)
+    assert moved._at is before and fresh._at.q is not before.q
+    assert np.linalg.norm(a.points - b.points, axis=1).max() < 0.1e-3
+    assert np.linalg.norm(b.points - moved.step(surface).points, axis=1).max() > 0.2e-3
+    np.testing.assert_allclose(a.x, b.x, atol=0.2e-3)
+
+
+def test_the_suspicion_that_explains_the_markers_gains_weight(block):
+    """Pads slid by two standard deviations, and a body that is as the model has it."""
+    built = estimator.build(block.scene, (), block.targets, block.markers,
+                            replace(PARAMS, others=0.1, iterations=1))
+    scale = hypotheses(built.unknowns, 0.1)
+    part, x = built.unknowns.part('slides'), built._rest
+    of_slides = int(np.flatnonzero(scale[:, part].min(axis=1) == 1.0)[0])
+    fields, offset, _ = built.unknowns.applied(np.zeros(built._k), Q, x)
+    x = built._forward.solve(x, Q, fields, offset)
+    H = built._forward.response(x, Q)
+    points = built._forward.points(x)[:built._m]
+    theta = np.zeros(built._k)
+    built.step(Surface(0.0, Q, points))
+    at_rest = built._state.weights[of_slides]
+    theta[part] = 2.0
+    built.reset()
+    built.step(Surface(0.0, Q, points + (H @ theta).reshape(-1, 3)[:built._m]))
+    assert built._state.weights.argmax() == of_slides
+    assert built._state.weights[of_slides] > at_rest

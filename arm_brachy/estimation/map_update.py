@@ -1,0 +1,122 @@
+"""The closed-form half of MAP: what one frame of markers says once the model is linearised."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from arm_brachy.estimation.gaussian import registration_jacobian, student_weights
+
+SWEEPS = 4   # of the markers' weights within one linearisation
+# Kinds of unknowns that may be wrong by much while the others are not; pads are one kind, however
+# they err.
+SUSPECTS = (('modulus',), ('bulk',), ('fibres',), ('base',), ('slides', 'pads'), ('force',))
+
+
+@dataclass(frozen=True)
+class Point:
+    """The model linearised at one travel and one theta.
+
+    theta : (k,);  q : (p,) [m];  points : (w, 3) [m] expected markers, then targets
+    response : (3w, k) d points / d theta;  strain : (w,) |F - I| to the power of map.STRAINED
+    markers : how many of the points are markers;  x : (n, 3) [m] nodes
+    by_pads : (3w + 3n, p) d (points, x) / d travel [1]
+    """
+
+    theta: np.ndarray
+    q: np.ndarray
+    points: np.ndarray
+    response: np.ndarray
+    strain: np.ndarray
+    markers: int
+    x: np.ndarray | None = None
+    by_pads: np.ndarray | None = None
+
+    def moved(self, q):
+        """The Point at a travel nearby, to first order; `q` stays where it was linearised."""
+        if np.array_equal(q, self.q):
+            return self
+        step = self.by_pads @ (q - self.q)
+        w = self.points.size
+        return replace(self, points=self.points + step[:w].reshape(-1, 3),
+                       x=self.x + step[w:].reshape(-1, 3))
+
+
+def hypotheses(unknowns, others):
+    """Return the sd of every unknown (h, k) under each hypothesis, in units of PriorParams.
+
+    unknowns : unknowns.Unknowns;  others : share that a kind keeps while another is suspected
+    The first: nothing is wrong by much. The others: one of SUSPECTS is. One row of ones for 1.
+    """
+    if others == 1.0:
+        return np.ones((1, unknowns.count))
+    rows = [np.full(unknowns.count, others)]
+    for kinds in SUSPECTS:
+        row = rows[0].copy()
+        for kind in kinds:
+            row[unknowns.part(kind)] = 1.0
+        if (row != others).any():
+            rows.append(row)
+    return np.array(rows)
+
+
+def in_all(scale, markers):
+    """Return (h, k + 6 + 3 m): sds of unknowns, registration and marker offsets."""
+    return np.hstack([scale, np.ones((len(scale), 6 + 3 * markers))])
+
+
+def update(at, surface, state, params):
+    """(Mixture after a Surface, weights (seen,) of the markers), the model linearised at `at`.
+
+    at : Point;  state : Mixture before;  params : map.MapParams
+    Weights are those of Student noise, by iterated reweighting; all hypotheses share them.
+    """
+    seen, k = surface.seen, len(at.theta)
+    rows, own = np.repeat(seen, 3), np.repeat(own_variance(at, params), 3)
+    H = _measurement(at, surface, own)[rows]
+    structural = H.copy()
+    structural[:, k + 6:] = 0.0
+    z = (surface.markers - at.points[:at.markers]).ravel()[rows] + H[:, :k] @ at.theta
+    known = (H - structural) @ state.average()   # by offsets from before
+    measured, weights, own = state.measured(H), np.ones(seen.sum()), own[rows]
+    for _ in range(SWEEPS):
+        white = params.noise**2 + own * np.repeat(1.0 / weights - 1.0, 3)
+        found = measured.conditioned(z, white, params.trust)
+        left = z - known - structural @ found.average()
+        squared = (left**2 / (own + params.noise**2)).reshape(-1, 3).sum(axis=1)
+        weights = student_weights(squared, params.dof)
+    return found, weights
+
+
+def _measurement(at, surface, own):
+    """(3m, s) d markers / d state; rows of markers that are not seen mean nothing."""
+    m, k, seen = at.markers, len(at.theta), surface.seen
+    H = np.zeros((3 * m, k + 6 + 3 * m))
+    H[:, :k] = at.response[:3 * m]
+    H[np.repeat(seen, 3), k:k + 6] = registration_jacobian(
+        at.points[:m][seen]) @ _root(surface.frame_covariance)
+    H[:, k + 6:] = np.diag(np.sqrt(own))
+    return H
+
+
+def own_variance(at, params):
+    """(m,) [m^2] per coordinate of what each marker is off by for good."""
+    return params.offset**2 + (params.marker_local * at.strain[:at.markers])**2
+
+
+def target_state(at, state, params):
+    """Return the points (t, 3) [m] of the targets and their covariance (3t, 3t) [m^2].
+
+    at : Point;  state : Mixture;  params : map.MapParams
+    """
+    k, rows = len(at.theta), slice(3 * at.markers, None)
+    B = np.zeros((at.response[rows].shape[0], state.mean.shape[1]))
+    B[:, :k] = at.response[rows]
+    points = at.points[at.markers:] + (B @ state.average() - B[:, :k] @ at.theta).reshape(-1, 3)
+    local = params.floor**2 + (params.target_local * np.repeat(at.strain[at.markers:], 3))**2
+    return points, params.inflation * (state.covariance(B) + np.diag(local))
+
+
+def _root(covariance):
+    """L (6, 6) with L L' the covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
