@@ -94,7 +94,7 @@ def test_ellipses_hold_nonlinear_draws_from_the_prior_as_often_as_they_say(built
 
 def test_it_comes_nearer_than_the_model_without_markers(built):
     errors, open_loop, rng = [], [], np.random.default_rng(12)
-    for _ in range(5):
+    for _ in range(20):
         surface, targets = truth(built, rng)
         built.reset()
         errors.append(np.linalg.norm(built.step(surface).points - targets, axis=1).mean())

@@ -206,11 +206,11 @@ def test_a_plant_is_walked_in_shorter_steps_and_says_how_far_it_could_be_pushed(
 def test_frames_between_are_left_out_where_an_estimate_needs_its_own_alone(pushes):
     """Of open loop, which has no memory, the errors agree and there are as many steps as ends."""
     original = inside_estimators.ESTIMATORS
-    alone = replace(inside_estimators.OPEN_LOOP, name='alone', memory=False)
-    inside_estimators.ESTIMATORS = (*original, alone)
+    along = replace(inside_estimators.OPEN_LOOP, name='along', memory=True)
+    inside_estimators.ESTIMATORS = (*original, along)
     try:
         every, ends = (inside_study.score(name, 10, 'inclusion', pushes, 1)
-                       for name in ('open_loop', 'alone'))
+                       for name in ('along', 'open_loop'))
     finally:
         inside_estimators.ESTIMATORS = original
     assert np.allclose(every.error, ends.error, rtol=0.0, atol=1e-8)    # the solver's tolerance
