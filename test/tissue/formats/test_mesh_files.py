@@ -231,7 +231,10 @@ def test_a_reader_that_hangs_grows_or_dies_is_one_line(tmp_path, monkeypatch, na
                        'a mesh', 'export it again')
     spent = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert '\n' not in str(caught.value)
-    assert spent.ru_utime - before.ru_utime < 4.0 and spent.ru_maxrss < 1e6
+    assert spent.ru_utime - before.ru_utime < 4.0
+    # Until it starts its program a child counts the pages of its parent, which may be a gigabyte.
+    own = 1.05 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert spent.ru_maxrss <= max(1e6, own, before.ru_maxrss)
 
 
 @pytest.mark.parametrize(('name', 'text'), [
