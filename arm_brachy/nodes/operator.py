@@ -61,7 +61,7 @@ class OperatorNode(Node):
     def _work(self, tick, t_ns, inputs):
         for msg in inputs.get(graph.SAFETY.name, ()):
             self._permitted = self._permitted or msg.state == SafetyState.RUN
-        for msg in inputs[graph.ACTUATORS.name]:
+        for msg in inputs.get(graph.ACTUATORS.name, ()):
             self._at_home = at_home(msg.position, msg.velocity)
         if not self._permitted:
             return None
