@@ -192,7 +192,7 @@ def test_the_force_keeps_close_to_its_goal_while_the_body_breathes(translational
 
 
 def test_turning_about_the_contact_follows_the_tip_too(orientation):
-    """The tip's goal is met. That of the force, 0.1 N RMS, is missed: robot/README.md."""
+    """The tip's goal is met. That of the force, 0.1 N RMS, is missed: 0.2 N only guards it."""
     aside, force = orientation.errors()
     assert orientation.following().sum() > 20
     assert np.percentile(aside, 95) < 0.5e-3
