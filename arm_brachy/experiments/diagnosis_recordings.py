@@ -46,7 +46,7 @@ class _Watched:
 
     def __init__(self, body):
         self._body, self.readings = body, []
-        self.point_names = body.point_names
+        self.point_names, self.mesh = body.point_names, body.mesh
 
     def step(self, t, q):
         """See cell.Body."""
