@@ -7,6 +7,8 @@ All distances are of the true tip, all over the step INSERTING unless they say o
     miss             distance of tip and target, mean over DWELLING; across and along the needle
     force            of every period of the controller, less its goal, from the moment it has
                      first come within `settled` of it
+    overshoot        largest force from first touch until the probe retracts, less the largest
+                     goal in that time
 Effort of the arm: mean over time of the joint torques' norm, and the path that joints went.
 """
 
@@ -25,6 +27,7 @@ FORCE_RMS = 0.1      # N
 STEADY = 0.01        # N
 LOCALISED = 0.5e-3   # m, rms
 FOUND = 0.95         # share of frames
+FORCE_OVER = 0.3     # N
 SETTLED = 0.3        # N: the force has come within it of its goal
 STEADY_WINDOW = 1.0  # s at the end of the dwell
 FRAME_RATE = 20.0    # Hz, of the imager
@@ -56,6 +59,7 @@ class ProcedureMetrics:
     force_rms: float
     force_steady: float
     force_peak: float
+    force_overshoot: float
     torque: float
     joint_travel: float
     needle_peak: float
@@ -86,6 +90,7 @@ def assess_procedure(data, target):
     if data.steps:
         values['duration'] = data.steps[-1][0] - data.steps[0][0]
     inserting, dwelling = data.when('inserting'), data.when('dwelling')
+    values |= _overshoot(data)
     if inserting is not None:
         values['insertion'] = min(inserting[1], data.steps[-1][0]) - inserting[0]
         values |= _plane(data, inserting) | _image(data, inserting) | _path(data, inserting)
@@ -176,6 +181,19 @@ def _force(data, inserting, dwelling):
     return out
 
 
+def _overshoot(data):
+    approaching, retracting = data.when('approaching'), data.when('retracting')
+    if data.force is None or data.state is None or approaching is None:
+        return {}
+    window = approaching[0], np.inf if retracting is None else retracting[0]
+    state, force = data.state.between(*window), data.force.between(*window)
+    touched = state.values[:, 1] > 0.0
+    if not touched.any():
+        return {}
+    # The goal that a tick ends with: before contact it is of no force yet.
+    return {'force_overshoot': float(force.values.max() - state.values[touched, 2].max())}
+
+
 def _effort(data, window):
     out = {}
     if data.torque is not None:
@@ -215,7 +233,9 @@ def procedure_targets(numbers):
         goal('contact force: rms error', numbers.force_rms, 'N', '<= 0.1',
              lambda v: v <= FORCE_RMS),
         goal('contact force: mean error at the end of the dwell', numbers.force_steady, 'N',
-             '<= 0.01', lambda v: v <= STEADY))
+             '<= 0.01', lambda v: v <= STEADY),
+        goal('contact force: overshoot of its goal, touch to withdrawal', numbers.force_overshoot,
+             'N', '<= 0.3', lambda v: v <= FORCE_OVER))
 
 
 def procedure_row(numbers):
@@ -230,5 +250,6 @@ def procedure_row(numbers):
         'tip_to_target_mm': n.miss * MM, 'tip_to_target_across_mm': n.miss_across * MM,
         'tip_to_target_along_mm': n.miss_along * MM, 'target_to_goal_mm': n.miss_pads * MM,
         'force_rms_N': n.force_rms, 'force_steady_N': n.force_steady,
-        'force_peak_error_N': n.force_peak, 'torque_mean_Nm': n.torque,
+        'force_peak_error_N': n.force_peak, 'force_overshoot_N': n.force_overshoot,
+        'torque_mean_Nm': n.torque,
         'joint_travel_rad': n.joint_travel, 'needle_force_peak_N': n.needle_peak}

@@ -152,7 +152,8 @@ def _facts(numbers):
         facts += [Fact('Insertion with the tip in the image plane', number(100 * of.in_plane, 1),
                        '% (within 0.5 mm)'),
                   Fact('Tip to target at the dwell', number(of.miss * MM, 2), 'mm'),
-                  Fact('Contact force, rms error', number(of.force_rms, 3), 'N')]
+                  Fact('Contact force, rms error', number(of.force_rms, 3), 'N'),
+                  Fact('Contact force, overshoot', number(of.force_overshoot, 3), 'N')]
     if numbers.tasks:
         errors = [task.steady_state_error for task in numbers.tasks]
         source = ', '.join(sorted({task.response_from for task in numbers.tasks}))

@@ -14,7 +14,7 @@ import numpy as np
 from arm_brachy.robot.contact_model import contact_wrench
 from arm_brachy.robot.force_torque import tool_weight
 from arm_brachy.robot.friction import friction_torque
-from arm_brachy.robot.impedance import axial_force, impedance_torque, shaped
+from arm_brachy.robot.impedance import axial_force, force_slope, impedance_torque, shaped
 from arm_brachy.robot.reference import rotation, rotation_vector, towards
 from arm_brachy.robot.rigid_body import (
     end_effector,
@@ -35,7 +35,7 @@ Machine = namedtuple('Machine', (
     'dh mass centre inertia tip gravity low high joint_speed torque torque_rate posture '
     'friction_level friction_slope friction_shift friction_known tool_mass tool_centre sensor'))
 Rules = namedtuple('Rules', (
-    'period touch release release_time force_rise force_most speed_most centre radius floor '
+    'period touch release release_time goal_rate force_most speed_most centre radius floor '
     'joint_margin joint_share side_rate switched'))
 # What a tick asks for. R, p : goal at its start;  v, w : how the goal moves;  axial : [m/s] with
 # which the skin is expected to move along the axis;  seek : [m/s] along the axis while nothing is
@@ -49,8 +49,10 @@ Touch = namedtuple('Touch', 'R p wrench stiffness')
 Memory = namedtuple('Memory', (
     'q dq R p v w a dw torque inertia damping null side bias weighed reading wrench true_wrench '
     'retreat integrals flags values'))
-IN_CONTACT, TRIP, QUIET, RUN, POSITIONING = range(5)    # flags; QUIET counts periods
-INTEGRAL, GOAL, MEASURED = range(3)                     # values [N]
+# flags. QUIET counts periods; PRESSING: there is force to control, which ends before the contact
+IN_CONTACT, TRIP, QUIET, RUN, POSITIONING, PRESSING = range(6)
+# values [N], [N/s]: the goal and how it rises; the force as measured, as observed, how it rises
+INTEGRAL, GOAL, GOAL_SLOPE, MEASURED, OBSERVED, SLOPE = range(6)
 
 
 def start_memory(q, R, p, torque, load):
@@ -66,7 +68,7 @@ def start_memory(q, R, p, torque, load):
         side=np.zeros(3),
         bias=np.array(load.bias), weighed=np.array([load.mass, *load.centre]),
         reading=np.zeros(6), wrench=np.zeros(6), true_wrench=np.zeros(6), retreat=np.zeros(3),
-        integrals=np.zeros(7), flags=np.zeros(5, dtype=np.int64), values=np.zeros(3))
+        integrals=np.zeros(7), flags=np.zeros(6, dtype=np.int64), values=np.zeros(6))
 
 
 @numba.njit(cache=True)
@@ -91,13 +93,14 @@ def run_period(machine, rules, gains, switched, rates, limits, task, touch, memo
     mode = task.mode
     if memory.flags[TRIP] != NO_TRIP and (mode == POSE or mode == FORCE):
         mode = RETREAT if memory.flags[TRIP] == FORCE_TRIP else BRAKE
-    _notice_contact(rules, mode, task, memory)
+    speed = R[:, 2].copy() @ twist[:3] - task.axial
+    _notice_contact(rules, gains, mode, task, memory, speed)
     _lead(rules, switched, rates, limits, mode, task, memory, R, p, twist, since)
     if memory.flags[RUN] % REFRESH == 0:
         M = mass_matrix(Rs, ps, machine.mass, machine.centre, machine.inertia)
         memory.inertia[:], memory.damping[:], memory.null[:] = shaped(M, J, gains)
     memory.flags[RUN] += 1
-    _drive(machine, rules, gains, task, memory, J, R, p, twist)
+    _drive(machine, rules, gains, memory, J, R, p, twist, speed)
     return memory.torque + J.T @ memory.true_wrench - friction_torque(
         dq, machine.friction_level, machine.friction_slope, machine.friction_shift)
 
@@ -144,30 +147,50 @@ def _tripped(machine, rules, memory, p, twist):
 
 
 @numba.njit(cache=True)
-def _notice_contact(rules, mode, task, memory):
-    """Touch and loss, by the measured force; on a touch the goal rises from what is there."""
+def _notice_contact(rules, gains, mode, task, memory, speed):
+    """Touch and loss, by the measured force; on a touch the goal goes on from what is there.
+
+    Size and slope of the goal go over without a jump; from there it comes to the force asked for
+    as a critically damped filter of second order does, hence without overshoot of its own.
+    Where nothing presses back the force is no longer controlled, at once: it would push the probe
+    into whatever comes. speed : [m/s] along the axis, as in `axial_force`
+    """
     flags, values = memory.flags, memory.values
     force = values[MEASURED]
     if mode != FORCE:
-        flags[IN_CONTACT] = 0
-    elif not flags[IN_CONTACT]:
+        flags[IN_CONTACT] = flags[PRESSING] = 0
+    elif not flags[PRESSING]:
+        flags[QUIET] += 1
         if force > rules.touch:
-            flags[IN_CONTACT], flags[QUIET] = 1, 0
-            values[INTEGRAL], values[GOAL] = 0.0, force
-            memory.integrals[:] = 0.0
-    else:
-        flags[QUIET] = flags[QUIET] + 1 if force < rules.release else 0
-        if flags[QUIET] * rules.period > rules.release_time:
+            flags[IN_CONTACT], flags[PRESSING] = 1, 1
+            _take_over(rules, gains, task, memory, speed)
+        elif flags[QUIET] * rules.period > rules.release_time:
             flags[IN_CONTACT] = 0
-    rise = rules.force_rise * rules.period
-    values[GOAL] += min(max(task.goal - values[GOAL], -rise), rise)
+    elif force < rules.release:
+        flags[PRESSING], flags[QUIET] = 0, 1
+    values[SLOPE] = force_slope(force, values[OBSERVED], speed, gains)
+    values[OBSERVED] += rules.period * values[SLOPE]
+    w = rules.goal_rate
+    pull = w * w * (task.goal - values[GOAL]) - 2.0 * w * values[GOAL_SLOPE]
+    values[GOAL_SLOPE] += rules.period * pull
+    values[GOAL] += rules.period * values[GOAL_SLOPE]
+
+
+@numba.njit(cache=True)
+def _take_over(rules, gains, task, memory, speed):
+    """From motion to force: the goal begins with the force, and its rise, that are there."""
+    values, force = memory.values, memory.values[MEASURED]
+    values[INTEGRAL], values[GOAL], values[OBSERVED] = 0.0, force, force
+    fastest = rules.goal_rate * max(task.goal - force, 0.0)
+    values[GOAL_SLOPE] = min(max(gains.tissue * speed, 0.0), fastest)
+    memory.integrals[:] = 0.0
 
 
 @numba.njit(cache=True)
 def _lead(rules, switched, rates, limits, mode, task, memory, R, p, twist, since):
     """Advance the reference. Along the axis it goes with the probe while that is in contact."""
     z = R[:, 2].copy()
-    touching = memory.flags[IN_CONTACT] == 1
+    touching = memory.flags[PRESSING] == 1
     wanted, turning = np.zeros(3), np.zeros(3)
     if mode == RETREAT:
         wanted[:] = rates[0] * (memory.retreat - memory.p)
@@ -197,11 +220,11 @@ def _lead(rules, switched, rates, limits, mode, task, memory, R, p, twist, since
 
 
 @numba.njit(cache=True)
-def _drive(machine, rules, gains, task, memory, J, R, p, twist):
+def _drive(machine, rules, gains, memory, J, R, p, twist, speed):
     """Motor torques into memory.torque, within the limits of size and rate."""
     q, dq, values = memory.q, memory.dq, memory.values
     z = R[:, 2].copy()
-    touching = memory.flags[IN_CONTACT] == 1 and not rules.switched
+    touching = memory.flags[PRESSING] == 1 and not rules.switched
     axial = 0.0
     side = np.zeros(3)
     if touching:
@@ -209,7 +232,7 @@ def _drive(machine, rules, gains, task, memory, J, R, p, twist):
         grown = values[INTEGRAL] + gains.force_rate * rules.period * error
         values[INTEGRAL] = min(max(grown, -gains.force_most), gains.force_most)
         axial = axial_force(values[GOAL], values[MEASURED], values[INTEGRAL],
-                            z @ twist[:3] - task.axial, gains)
+                            values[GOAL_SLOPE] - values[SLOPE], speed, gains)
         side = R @ memory.wrench[:3]
         side -= z * (z @ side)
     memory.side[:] += rules.side_rate * (side - memory.side)

@@ -3,10 +3,14 @@
     tau = J^T (F_pose + F_force) + C dq + g + friction + N (posture) ,  then the limits
     F_pose  = A a_d + K e + D (v_d - v)   in the directions that the pose controls,
               e = (p_d - p, Log R_d R^T), each clipped in length
-    F_force = z (f_d + k_p (f_d - f) + k_i int (f_d - f) dt - d v_z)   along the probe's axis z
+    F_force = z (f_d + k_p e + k_i int e dt + k_d (df_d/dt - s) - d v_z),  e = f_d - f, along the
+              probe's axis z
+    s = k v_z + L (f - y),  dy/dt = s    observed slope of the force (Luenberger)
     D = zeta (A^1/2 K^1/2 + K^1/2 A^1/2),  A = (J M^-1 J^T)^-1   (square-root damping design)
     N = 1 - J^T (A J M^-1)   dynamically consistent null space
 z points out of the probe's face; f > 0 presses. In free motion the pose controls z as well.
+s is the measured slope below L and k v_z above it: k_d damps what the probe does to the tissue and
+not how it goes with it, as a body that breathes asks for, without differentiating noise.
 Sources: Hogan 1985, J Dyn Sys Meas Control 107:1 (impedance); Khatib 1987, IEEE J Robot Autom 3:43
 (operational space, null space); Raibert and Craig 1981 (hybrid control); Albu-Schaeffer, Ott,
 Frese, Hirzinger 2003, ICRA (damping from square roots of stiffness and inertia).
@@ -43,15 +47,24 @@ class ImpedanceParams:
                                         source='as above')
     damping_ratio: float = quantity(1.0, '', 'of every mode', low=0.1, high=2.0,
                                     source='critical')
-    force_gain: float = quantity(1.5, '', 'proportional, on the force error', low=0.0, high=20.0,
+    force_gain: float = quantity(4.0, '', 'proportional, on the force error', low=0.0, high=20.0,
                                  source='own choice, below the limit that sensor delay sets')
-    force_rate: float = quantity(12.0, 'per_s', 'integral, on the force error', low=0.0,
+    force_rate: float = quantity(20.0, 'per_s', 'integral, on the force error', low=0.0,
                                  high=200.0, source='own choice: settles within 0.3 s')
     force_most: float = quantity(10.0, 'N', 'largest integral', low=0.0, high=100.0,
                                  source='own choice: three times the usual contact force')
-    force_damping: float = quantity(60.0, 'Ns_m', 'against motion along the axis', low=0.0,
-                                    high=1000.0, source='own choice: critical at 400 N/m and the '
-                                                        "arm's 2 to 3 kg along the axis")
+    force_lead: float = quantity(0.5, 's', 'differential, on the force error', low=0.0, high=5.0,
+                                 source='own choice: 150 N s/m on 300 N/m, 0.8 of critical for '
+                                        "the arm's 5.7 kg along the axis, the other directions "
+                                        'held, and the gain above')
+    tissue: float = quantity(300.0, 'N_m', 'stiffness that is expected along the axis', low=10.0,
+                             high=1e4, source='a probe of 25 mm on 6 kPa, 2 E a')
+    observer: float = quantity(20.0, 'per_s', 'below which the slope of the force is the measured '
+                               'one, above that of motion against the tissue', low=1.0, high=200.0,
+                               source='own choice: 0.2 N of noise in the command')
+    force_damping: float = quantity(10.0, 'Ns_m', 'against motion along the axis', low=0.0,
+                                    high=1000.0, source='own choice: 0.05 N on a body that '
+                                                        'breathes 3 mm at 0.25 Hz')
     posture_stiffness: float = quantity(10.0, 'Nm_rad', 'of the null space', low=0.0, high=100.0,
                                         source='own choice')
     posture_damping: float = quantity(4.0, 'Nms_rad', 'of the null space', low=0.0, high=50.0,
@@ -103,30 +116,32 @@ class ImpedanceController:
         self._arm, self._period = arm, period
         self._gains = Gains(*astuple(params))
         self._posture = np.array(posture, dtype=float)
-        self._integral, self._torque = 0.0, None
+        self._integral, self._observed, self._torque = 0.0, None, None
         self._limits = panda.JOINT_LIMITS
 
     def reset(self):
-        """Forget the integral of the force error, as when contact is lost."""
-        self._integral = 0.0
+        """Forget integral and slope of the force error, as when contact is lost."""
+        self._integral, self._observed = 0.0, None
 
     def step(self, q, dq, force, command):
         """Return the torques (7,) [N m], limited in size and in rate.
 
         q, dq : (7,) [rad, rad/s];  force : [N] with which the probe presses, along its axis
         """
-        arm, limits = self._arm, self._limits
+        arm, limits, gains = self._arm, self._limits, self._gains
         if command.in_contact:
-            gains = self._gains
             grown = self._integral + gains.force_rate * self._period * (command.force - force)
             self._integral = min(max(grown, -gains.force_most), gains.force_most)
         Rs, ps = frames(arm.dh, q)
         p = end_effector(Rs, ps, arm.tip)
         J = point_jacobian(Rs, ps, p, len(q))
-        A, D, N = shaped(mass_matrix(Rs, ps, arm.mass, arm.centre, arm.inertia), J, self._gains)
-        axial = axial_force(command.force, force, self._integral,
-                            Rs[-1, :, 2] @ (J[:3] @ dq), self._gains)
-        wanted = (impedance_torque(J, Rs[-1], p, A, D, N, self._gains, self._posture, limits.low,
+        A, D, N = shaped(mass_matrix(Rs, ps, arm.mass, arm.centre, arm.inertia), J, gains)
+        speed = Rs[-1, :, 2] @ (J[:3] @ dq)
+        self._observed = force if self._observed is None else self._observed
+        slope = force_slope(force, self._observed, speed, gains)
+        self._observed += self._period * slope
+        axial = axial_force(command.force, force, self._integral, -slope, speed, gains)
+        wanted = (impedance_torque(J, Rs[-1], p, A, D, N, gains, self._posture, limits.low,
                                    limits.high, q, dq, command.R, command.p, command.v, command.w,
                                    _STILL, _STILL, command.in_contact, axial)
                   + arm.torque(q, dq, np.zeros(len(q))))
@@ -165,12 +180,23 @@ def shaped(M, J, gains):
 
 
 @numba.njit(cache=True)
-def axial_force(goal, force, integral, speed, gains):
+def force_slope(force, observed, speed, gains):
+    """Return how the force rises [N/s], by the observer; `observed` is to rise by it.
+
+    force, observed : [N] measured, and as the observer has it;  speed : as in `axial_force`
+    """
+    return gains.tissue * speed + gains.observer * (force - observed)
+
+
+@numba.njit(cache=True)
+def axial_force(goal, force, integral, slope, speed, gains):
     """Return what the arm shall push along the probe's axis [N].
 
-    goal, force : [N];  integral : [N];  speed : [m/s] along the axis beyond what is expected
+    goal, force : [N];  integral : [N];  slope : [N/s] of the force error
+    speed : [m/s] along the axis beyond what is expected
     """
-    return goal + gains.force_gain * (goal - force) + integral - gains.force_damping * speed
+    return (goal + gains.force_gain * (goal - force) + integral + gains.force_lead * slope
+            - gains.force_damping * speed)
 
 
 @numba.njit(cache=True)

@@ -32,6 +32,7 @@ _READY = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 1.9, 0.0])   # its ready posture, 
 _TILTS = np.radians([[0.0, 0.0], [25.0, 0.0], [-25.0, 0.0], [0.0, 25.0], [0.0, -25.0]])
 _REST = 500                                              # readings in each of these
 _NEAR = 2e-3                                             # m from the end of a retreat
+RISEN = 4.74      # w t after which a critically damped step is at 95 % of its end
 _TURNS = 60                                              # of the inverse kinematics in a tick
 
 
@@ -80,7 +81,7 @@ class PandaHolder:
             panda.FRICTION_LEVEL, panda.FRICTION_SLOPE, panda.FRICTION_SHIFT,
             params.friction_known, self._tool.mass, self._tool.centre, params.tool_length)
         rules = Rules(
-            PERIOD, params.touch, params.release, params.release_time, params.force / params.rise,
+            PERIOD, params.touch, params.release, params.release_time, RISEN / params.rise,
             params.force_most, params.speed_most, self._R_WB.T @ -self._p_WB, params.reach,
             params.floor - self._p_WB[2], params.joint_margin, params.joint_share,
             params.side_rate * PERIOD, params.control == 'switched')

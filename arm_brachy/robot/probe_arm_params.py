@@ -44,7 +44,7 @@ class ProbeArmParams:
                                      source='own choice: friction changes with temperature')
     force: float = quantity(3.0, 'N', 'goal of the contact force along the axis', low=0.5,
                             high=15.0, source='breast ultrasound by robots: 2 to 5 N')
-    rise: float = quantity(0.15, 's', 'from touch to that goal', low=0.01, high=5.0,
+    rise: float = quantity(0.4, 's', 'from touch to 95 % of that goal', low=0.01, high=5.0,
                            source='own choice: recontact within half a second')
     approach_speed: float = quantity(20.0, 'mm_s', 'along the axis until the skin is touched',
                                      low=1.0, high=100.0,

@@ -1,5 +1,7 @@
 """Numbers of a procedure, against motions whose numbers are known by construction."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,9 +17,11 @@ from arm_brachy.evaluation.timeseries import Series
 T = np.arange(0.0, 20.0, 0.05)
 PLAN = {'hole_m': '0 0 0', 'tip_m': '0 0.02 0', 'goal_m': '0 0.02 0.001'}
 STEPS = ((0.0, {'phase': 'settling', 'outcome': 'OK'}),
+         (2.0, {'phase': 'approaching', 'outcome': 'OK', **PLAN}),
          (5.0, {'phase': 'inserting', 'outcome': 'OK', **PLAN}),
          (10.0, {'phase': 'dwelling', 'outcome': 'OK', **PLAN}),
          (15.0, {'phase': 'withdrawing', 'outcome': 'OK', **PLAN}),
+         (18.0, {'phase': 'retracting', 'outcome': 'OK', **PLAN}),
          (20.0, {'phase': 'finished', 'outcome': 'OK', **PLAN}))
 
 
@@ -67,9 +71,22 @@ def test_force_effort_and_localisation():
     assert numbers.found == pytest.approx(0.5, abs=0.02) and numbers.needle_peak == 1.5
 
 
+def test_overshoot_counts_from_the_first_touch_until_the_probe_retracts():
+    """Also where the force comes before the insertion, which the other figures begin with."""
+    data = run()
+    force = data.force.values.copy()
+    force[(data.force.t > 3.0) & (data.force.t < 3.1)] = 4.5    # N, as the probe meets the skin
+    force[data.force.t > 18.5] = 9.0                            # off the skin: not counted
+    data = replace(data, force=Series(data.force.t, force))
+    numbers = assess_procedure(data, None)
+    assert numbers.force_overshoot == pytest.approx(1.5) and numbers.force_peak < 1e-9
+    goal = procedure_targets(numbers)[-1]
+    assert goal.met is False and goal.value == pytest.approx(1.5)
+
+
 def test_goals_are_met_or_missed_or_cannot_be_judged():
     met = [g.met for g in procedure_targets(assess_procedure(run(), None))]
-    assert met == [True] * 6
+    assert met == [True] * 7
     bad = assess_procedure(run(lag=1e-3, force_error=0.2, seen_off=1e-3, drop=4), None)
     assert [g.met for g in procedure_targets(bad)][:5] == [True, False, False, False, False]
     nothing = procedure_targets(assess_procedure(ProcedureData(steps=STEPS[:1]), None))
@@ -79,4 +96,4 @@ def test_goals_are_met_or_missed_or_cannot_be_judged():
 def test_the_row_has_every_number_with_its_unit():
     row = procedure_row(assess_procedure(run(), still(0, 0.02, 0.001)))
     assert row['tip_in_plane_percent'] == 100.0
-    assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 20
+    assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 21

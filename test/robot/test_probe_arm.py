@@ -192,17 +192,34 @@ def test_the_force_keeps_close_to_its_goal_while_the_body_breathes(translational
 
 
 def test_turning_about_the_contact_follows_the_tip_too(orientation):
-    """The tip's goal is met. That of the force, 0.1 N RMS, is missed: 0.2 N only guards it."""
+    """Goals as over the skin: 0.5 mm, 0.1 N RMS, 0.3 N at most."""
     aside, force = orientation.errors()
     assert orientation.following().sum() > 20
     assert np.percentile(aside, 95) < 0.5e-3
-    assert rms(force) < 0.2
+    assert rms(force) < 0.1
+    assert np.abs(force).max() < 0.3
 
 
 def test_the_impedance_beats_the_switched_scheme_in_both_respects(translational, switched):
     ours, theirs = translational.errors(), switched.errors()
     assert np.percentile(ours[0], 95) < 0.5 * np.percentile(theirs[0], 95)
     assert rms(ours[1]) < 0.5 * rms(theirs[1])
+
+
+@pytest.mark.parametrize(('spring', 'breath'), [(SPRING, 0.0), (SPRING, BREATH),
+                                                (4.0 * SPRING, 0.0)])
+def test_the_first_touch_does_not_press_harder_than_asked_for(spring, breath):
+    """From the speed of approach to a steady force: 0.3 N over it at most, there within 0.5 s.
+
+    The plant of the procedure answers with 200 to 310 N/m.
+    """
+    bench = Bench(needle=Needle(speed=0.0, start=-0.01), ball=Ball(breath, spring))
+    bench.run(4.0)
+    force = np.concatenate([s.force for s in bench.steps])
+    touch = int(np.argmax(force > PARAMS.touch))
+    assert force[touch:].max() < GOAL + 0.3
+    assert np.abs(force[touch + 500:] - GOAL).max() < 0.3
+    bench.arm.close()
 
 
 @pytest.mark.parametrize('run', ['translational', 'orientation', 'switched'])
