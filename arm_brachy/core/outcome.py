@@ -20,6 +20,8 @@ class Outcome(Enum):
     TOO_FEW_MARKERS = 'too few markers are seen; clear the line of sight of the optical tracker'
     MARKERS_REJECTED = 'markers were left out of the estimate; the message names them'
     MARKERS_SWAPPED = "markers carried each other's label and were put right; relabel them"
+    UNKNOWN_LOAD = ('something that the model does not know presses on the tissue; take it away, '
+                    'or mind the ellipses')
     LOST_REGISTRATION = ("the optical tracker's frame is not known; show it three markers of base "
                          'or pads')
     WRONG_SCENE = 'the markers are not those of the scene; give the scene of this body'

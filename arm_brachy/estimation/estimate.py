@@ -37,7 +37,7 @@ class Estimate:
 
     targets : k names;  points : (k, 3) [m];  covariance : (k, 3, 3) [m^2] of each target
     x : (n, 3) [m] nodes of the estimator's mesh, None where it has none
-    outcome, message : how it went, for a person
+    outcome, message : how it went, for a person;  notice : what to know of an estimate that is OK
     """
 
     t: float
@@ -47,6 +47,7 @@ class Estimate:
     x: np.ndarray | None = None
     outcome: Outcome = Outcome.OK
     message: str = ''
+    notice: Outcome = Outcome.OK
 
     @classmethod
     def failed(cls, t, targets, outcome, message=''):

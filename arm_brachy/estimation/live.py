@@ -129,6 +129,8 @@ class LiveEstimator:
         found = _sound(self._estimator.step(Surface(when, q, markers, self._frame_of(markers))))
         if not found.outcome.ok:
             return LiveStep(t, None, found.outcome, found.message, seen=seen)
+        if outcome.ok:
+            outcome, message = found.notice, found.message
         return LiveStep(t, found, outcome, message, t - when, seen)
 
     def _foreign(self, ids):

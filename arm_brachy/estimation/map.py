@@ -22,11 +22,19 @@ from arm_brachy.core.quantity import quantity, word
 from arm_brachy.core.scene import with_mesh
 from arm_brachy.estimation.estimate import Estimate
 from arm_brachy.estimation.forward import Forward
-from arm_brachy.estimation.map_update import Point, hypotheses, in_all, target_state, update
+from arm_brachy.estimation.map_update import (
+    Point,
+    hypotheses,
+    in_all,
+    loaded,
+    target_state,
+    update,
+)
 from arm_brachy.estimation.mixture import Mixture
 from arm_brachy.estimation.unknowns import PriorParams
 
 LEAST_WEIGHT = 0.1   # of a marker that is named as an outlier
+SUSPECTED = 0.5      # probability from which an unknown load is named
 NEAR = 3e-3          # m, travel over which an equilibrium is foretold to first order
 HALVINGS = 3         # of a step of theta at which the model finds no equilibrium
 
@@ -50,6 +58,10 @@ class MapParams:
                                    high=50.0, source=_KEPT)
     target_local: float = quantity(0.45, 'mm', 'the same about a target', low=0.0, high=50.0,
                                    source=_KEPT)
+    load_error: float = quantity(0.4, '', 'sd of the place of a target, as a share of what an '
+                                 'unknown load moves it by: the model is linearised without it',
+                                 low=0.0, high=10.0, source='plants under a probe, README.md, '
+                                 'section 4')
     floor: float = quantity(0.03, 'mm', 'sd of the place of a target at rest', low=1e-4, high=10.0,
                             source='tools and embedding')
     dof: float = quantity(4.0, '', 'degrees of freedom of the Student noise', low=1.0, high=100.0,
@@ -89,6 +101,8 @@ class Map:
         self._forward = Forward(scene, terms, targets, markers, params.prior, single=True)
         self.targets, self.mesh = self._forward.model.targets, self._forward.mesh
         self._k, self._m = self._forward.unknowns.count, self._forward.n_markers
+        loads = self._forward.unknowns.part('load')
+        self._loads = loads.stop - loads.start
         self._suspicions = hypotheses(self._forward.unknowns, params.others)
         self._rest = self._forward.rest()
         self.reset()
@@ -170,7 +184,8 @@ class Map:
         response = forward.response(x, q, fields)
         self._x = x
         self._at = Point(theta, np.array(q, dtype=float), forward.points(x) + shift, response,
-                         forward.strain(x)**STRAINED, self._m, x, forward.pad_response())
+                         forward.strain(x)**STRAINED, self._m, x, forward.pad_response(),
+                         self._loads)
         return self._at
 
     def _outliers(self, surface, weights):
@@ -181,10 +196,21 @@ class Map:
         points, spread = target_state(at, self._state, self.params)
         change = self._state.average()[:self._k] - at.theta
         k = len(self.targets)
-        message = f'markers that do not fit: {", ".join(outliers)}' if outliers else ''
+        notice, message = self._notice(at, outliers)
         return Estimate(surface.t, self.targets, points,
                         spread.reshape(k, 3, k, 3)[range(k), :, range(k)],
-                        at.x + self._forward.nodal_change(change), message=message)
+                        at.x + self._forward.nodal_change(change), message=message,
+                        notice=notice)
+
+    def _notice(self, at, outliers):
+        """(Outcome, message) of what a person should know of an estimate."""
+        chance = loaded(at, self._state)
+        if chance > SUSPECTED:
+            return Outcome.UNKNOWN_LOAD, (f'with probability {chance:.2f} something besides the '
+                                          'pads loads the tissue; the ellipses are wide for it')
+        if outliers:
+            return Outcome.MARKERS_REJECTED, f'do not fit the model: {", ".join(outliers)}'
+        return Outcome.OK, ''
 
 
 def own_mesh(scene, params):

@@ -10,6 +10,8 @@ SWEEPS = 4   # of the markers' weights within one linearisation
 # Kinds of unknowns that may be wrong by much while the others are not; pads are one kind, however
 # they err.
 SUSPECTS = (('modulus',), ('bulk',), ('fibres',), ('base',), ('slides', 'pads'), ('force',))
+ALWAYS = 'faces'     # wrong by its sd under every hypothesis
+LOADS = (0.3, 1.0)   # sds of the unknown load, of its own, under two further hypotheses
 
 
 @dataclass(frozen=True)
@@ -19,7 +21,8 @@ class Point:
     theta : (k,);  q : (p,) [m];  points : (w, 3) [m] expected markers, then targets
     response : (3w, k) d points / d theta;  strain : (w,) |F - I| to the power of map.STRAINED
     markers : how many of the points are markers;  x : (n, 3) [m] nodes
-    by_pads : (3w + 3n, p) d (points, x) / d travel [1]
+    by_pads : (3w + 3n, p) d (points, x) / d travel [1];  loads : how many unknowns, the last
+        ones, are local loads
     """
 
     theta: np.ndarray
@@ -30,6 +33,12 @@ class Point:
     markers: int
     x: np.ndarray | None = None
     by_pads: np.ndarray | None = None
+    loads: int = 0
+
+    @property
+    def by_loads(self):
+        """Which unknowns are local loads, a slice."""
+        return slice(len(self.theta) - self.loads, len(self.theta))
 
     def moved(self, q):
         """The Point at a travel nearby, to first order; `q` stays where it was linearised."""
@@ -45,18 +54,31 @@ def hypotheses(unknowns, others):
     """Return the sd of every unknown (h, k) under each hypothesis, in units of PriorParams.
 
     unknowns : unknowns.Unknowns;  others : share that a kind keeps while another is suspected
-    The first: nothing is wrong by much. The others: one of SUSPECTS is. One row of ones for 1.
+    The first: nothing is wrong by much. Then one of SUSPECTS is. The last ones: something else
+    than the pads loads the skin, which under the others nothing does. One row for others = 1.
     """
+    row = np.full(unknowns.count, others)
+    row[unknowns.part(ALWAYS)], row[unknowns.part('load')] = 1.0, 0.0
     if others == 1.0:
-        return np.ones((1, unknowns.count))
-    rows = [np.full(unknowns.count, others)]
-    for kinds in SUSPECTS:
-        row = rows[0].copy()
-        for kind in kinds:
-            row[unknowns.part(kind)] = 1.0
-        if (row != others).any():
-            rows.append(row)
-    return np.array(rows)
+        return row[None]
+    rows = [row] + [_with(row, unknowns, kinds, 1.0) for kinds in SUSPECTS]
+    rows += [_with(row, unknowns, ('load',), share) for share in LOADS]
+    return np.array(list(dict.fromkeys(map(tuple, rows))))
+
+
+def _with(row, unknowns, kinds, share):
+    row = row.copy()
+    for kind in kinds:
+        row[unknowns.part(kind)] = share
+    return row
+
+
+def loaded(at, state):
+    """Probability of the hypotheses under which something else than the pads loads the skin.
+
+    at : Point;  state : Mixture
+    """
+    return float(state.weights[state.scale[:, at.by_loads].any(axis=1)].sum())
 
 
 def in_all(scale, markers):
@@ -113,6 +135,9 @@ def target_state(at, state, params):
     B[:, :k] = at.response[rows]
     points = at.points[at.markers:] + (B @ state.average() - B[:, :k] @ at.theta).reshape(-1, 3)
     local = params.floor**2 + (params.target_local * np.repeat(at.strain[at.markers:], 3))**2
+    # A load acts where the model was not linearised: what it moves is known to a share only.
+    pressed = (B[:, at.by_loads] @ state.average()[at.by_loads]).reshape(-1, 3)
+    local += np.repeat((params.load_error * np.linalg.norm(pressed, axis=1))**2, 3)
     return points, params.inflation * (state.covariance(B) + np.diag(local))
 
 

@@ -45,7 +45,8 @@ class PodParams:
     assimilations: int = 5              # es_mda only
     seed: int = 0                       # of the sampled pushes and the members
     # one prior for all kinds at once: narrower where map's holds for the one that is suspected
-    prior: PriorParams = field(default_factory=lambda: PriorParams(fibres=0.05, base=0.25e-6))
+    prior: PriorParams = field(default_factory=lambda: PriorParams(
+        fibres=0.05, base=0.25e-6, faces=0.0, load_places=0))
 
 
 class Pod:

@@ -2,8 +2,9 @@
 
 A body driven by displacements does not feel its modulus, only how it varies; the unknowns are
 therefore those that move something: a smooth field of the logarithm of the modulus, the bulk
-modulus, fibres, a base that gives, pads that sit or push elsewhere, and a smooth field of body
-force for what has no name. Each is standardised: one unit is one standard deviation of its prior.
+modulus, fibres, a base that gives, pads that sit or push elsewhere or fall short at their rims, a
+smooth field of body force for what has no name, and loads on the skin that follow no push. Each is
+standardised: one unit is one standard deviation of its prior.
 """
 
 from dataclasses import dataclass, replace
@@ -13,6 +14,7 @@ from scipy.sparse import csr_array
 
 from arm_brachy.core.errors import MeshError
 from arm_brachy.core.quantity import quantity
+from arm_brachy.estimation.local_loads import AROUND, face_motion, local_loads, node_volumes
 from arm_brachy.estimation.random_fields import field_modes
 from arm_brachy.tissue.assembly import Assembler
 from arm_brachy.tissue.body import StepFields
@@ -56,6 +58,13 @@ class PriorParams:
     force_length: float = quantity(20.0, 'mm', 'correlation length of that force', low=1.0,
                                    source='as modulus_length')
     force_modes: int = 30
+    faces: float = quantity(0.15, '', 'sd of the share of its travel by which a pad falls short '
+                            'at its rim, in each of five terms around it', low=0.0,
+                            source=_FITTED)
+    load: float = quantity(1.0, 'N', 'sd of an unknown load at each of load_places of the skin, '
+                           'in x, y and z', low=0.0, source='an ultrasound probe presses with '
+                           '3 N')
+    load_places: int = 40
 
 
 class Unknowns:
@@ -77,14 +86,17 @@ class Unknowns:
         self.directions = hemisphere()
         self._base = _Base(body) if len(body.fixed) else None
         self._slides, self.left_out = _slides(body, embed_points)
+        self._volume = node_volumes(body)
         self._force = self._force_modes()
+        self._load = params.load * local_loads(body, self._volume, params.load_places)
         slots = body.geometry.connectivity.ravel()
         self._sum = csr_array((np.ones(len(slots)), (slots, np.arange(len(slots)))),
                               shape=(len(body.mesh.nodes), len(slots)))
         self._sizes = {'modulus': self._modulus.shape[1], 'bulk': 1,
                        'fibres': len(self.directions), 'base': 2 if self._base else 0,
                        'slides': len(self._slides), 'pads': 3 * len(body.pads),
-                       'force': self._force.shape[1]}
+                       'force': self._force.shape[1], 'faces': AROUND * len(body.pads),
+                       'load': self._load.shape[1]}
         self.names = self._names()
 
     @property
@@ -93,13 +105,10 @@ class Unknowns:
         return len(self.names)
 
     def _force_modes(self):
-        p, n = self.params, len(self.body.mesh.nodes)
-        modes = field_modes(self.body.mesh.nodes, p.force_length, p.force_modes)
-        geometry = self.body.geometry
-        share = (geometry.weights[:, :, None] * geometry.shape).sum(axis=1)
-        volume = np.abs(np.bincount(geometry.connectivity.ravel(), share.ravel(), minlength=n))
-        loads = p.force * modes * volume[:, None]
-        return np.einsum('nk,ij->nikj', loads, np.eye(3)).reshape(3 * n, -1)
+        p, nodes = self.params, self.body.mesh.nodes
+        modes = field_modes(nodes, p.force_length, p.force_modes)
+        loads = p.force * modes * self._volume[:, None]
+        return np.einsum('nk,ij->nikj', loads, np.eye(3)).reshape(nodes.size, -1)
 
     def _names(self):
         pads = [pad.name for pad in self.body.pads]
@@ -109,7 +118,9 @@ class Unknowns:
                       *(f'{pads[s.pad]}_{s.axis}' for s in self._slides),
                       *(f'{pad}_{what}' for pad in pads
                         for what in ('travel', 'tilt_up', 'tilt_side')),
-                      *(f'force_{i}' for i in range(self._force.shape[1]))])
+                      *(f'force_{i}' for i in range(self._force.shape[1])),
+                      *(f'{pad}_face_{i}' for pad in pads for i in range(AROUND)),
+                      *(f'load_{i}' for i in range(self._load.shape[1]))])
 
     def derivatives(self, linearisation, q):
         """Return the Derivatives with respect to each unknown at an equilibrium.
@@ -129,8 +140,8 @@ class Unknowns:
             'modulus': by_modulus @ self._modulus, 'bulk': p.bulk * bulk.sum(axis=1)[:, None],
             'fibres': p.fibres * self._fibre_rates(linearisation.x),
             'slides': p.offset * _columns([s[0] for s in slid], size),
-            'force': -self._growth(q) * self._force}
-        motions = none | {'pads': self._pad_motions(q)}
+            'force': -self._growth(q) * self._force, 'load': -self._load}
+        motions = none | {'pads': self._pad_motions(q), 'faces': self._face_motions(q)}
         if self._base:
             motions['base'] = p.base * self._base.motions(linearisation)
         shift = np.zeros((len(self._embedding.nodes), 3, self.count))
@@ -141,7 +152,7 @@ class Unknowns:
 
     def part(self, name):
         """Return the slice of the unknowns of one kind, modulus, bulk, fibres, base,
-        slides, pads or force."""
+        slides, pads, force, faces or load."""
         names = list(self._sizes)
         start = sum(self._sizes[n] for n in names[:names.index(name)])
         return slice(start, start + self._sizes[name])
@@ -180,6 +191,13 @@ class Unknowns:
                 motion[pad.nodes, :, i, j] = axis
         return motion.reshape(3 * n, -1)
 
+    def _face_motions(self, q):
+        nodes, pads = self.body.mesh.nodes, self.body.pads
+        motion = np.zeros((len(nodes), 3, len(pads), AROUND))
+        for i, pad in enumerate(pads):
+            motion[pad.nodes, :, i] = self.params.faces * q[i] * face_motion(nodes, pad)
+        return motion.reshape(nodes.size, -1)
+
     def applied(self, theta, q, x, last=None):
         """Return the model with the unknowns at theta, for a solve that starts at x.
 
@@ -195,8 +213,10 @@ class Unknowns:
         fibres = self.params.fibres * theta[self.part('fibres')]
         fields.stress += np.einsum('mqd,d,di,dj->mqij', self._fibre_strain(x)[1], fibres,
                                    self.directions, self.directions, optimize=True)
-        force = self._growth(q) * self._force @ theta[self.part('force')]
-        offset = self._pad_motions(q) @ theta[self.part('pads')]
+        force = (self._growth(q) * self._force @ theta[self.part('force')]
+                 + self._load @ theta[self.part('load')])
+        offset = (self._pad_motions(q) @ theta[self.part('pads')]
+                  + self._face_motions(q) @ theta[self.part('faces')])
         shift = np.zeros((len(self._embedding.nodes), 3))
         if last is not None:
             base, slides = self.part('base'), self.part('slides')

@@ -23,7 +23,7 @@ from arm_brachy.experiments import (
 )
 
 NAME = 'fit-estimators'
-FITTED, CHECKED = 24, 12       # fresh plants
+FITTED, CHECKED = 24, 24       # fresh plants
 COVERAGE = (93.0, 97.0)        # %
 
 

@@ -13,15 +13,15 @@ from arm_brachy.experiments import fit_cases, inside_estimators, inside_plants, 
 FACTORS = (1.5,)               # of a size, up and down, one for each round of the search
 OTHERS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15)
 TRUST = (1.0, 0.5, 0.25)
-PRIORS = ('modulus', 'bulk', 'fibres', 'base', 'offset', 'tilt', 'travel', 'force')
+PRIORS = ('modulus', 'bulk', 'fibres', 'base', 'offset', 'tilt', 'travel', 'force', 'faces')
 LOCALS = ('marker_local', 'target_local')
 # In this order. The other sizes stay at START: a round of these takes half a minute of processor
 # time, and what is small beside the rest of the prior moves the criterion by little.
-SEARCHED = ('others', 'trust', 'modulus', 'bulk', 'fibres', 'base', 'offset')
+SEARCHED = ('faces', 'others', 'trust', 'bulk', 'fibres', 'base', 'offset', 'tilt', 'modulus')
 # Where the search begins, whatever the defaults are; at the edges' units.
-START = {'modulus': 0.12, 'bulk': 1.4, 'fibres': 0.05, 'base': 0.25, 'offset': 0.8, 'tilt': 1.2,
-         'travel': 0.05, 'force': 250.0, 'marker_local': 0.55, 'target_local': 0.45,
-         'others': 1.0, 'trust': 1.0, 'inflation': 1.0}
+START = {'modulus': 0.12, 'bulk': 1.4, 'fibres': 0.11, 'base': 0.56, 'offset': 0.8, 'tilt': 1.2,
+         'travel': 0.05, 'force': 250.0, 'faces': 0.1, 'marker_local': 0.55,
+         'target_local': 0.45, 'others': 0.25, 'trust': 1.0, 'inflation': 1.0}
 
 
 def start():
@@ -53,10 +53,13 @@ class Linearised:
     def predictions(self, params):
         """(points, covariances) of each Case with other MapParams, inflation 1."""
         ratio, plain = self._ratio(params.prior), replace(params, inflation=1.0)
+        keep = self.unknowns.part('load').start     # nothing but pads loads a fresh plant
         scale = hypotheses(self.unknowns, params.others)
+        scale = scale[~scale[:, keep:].any(axis=1), :keep]
         found = []
         for case, at in zip(self.cases, self._points, strict=True):
-            at = replace(at, response=at.response * ratio)
+            at = replace(at, response=(at.response * ratio)[:, :keep], theta=at.theta[:keep],
+                         loads=0)
             state, _ = update(at, case.last, Mixture.prior(in_all(scale, at.markers)), plain)
             points, spread = target_state(at, state, plain)
             found.append((points, fit_cases.blocks(spread)))
@@ -67,7 +70,8 @@ class Linearised:
         was, unknowns = self.params.prior, self.unknowns
         ratio = np.ones(unknowns.count)
         for part, name in (('modulus', 'modulus'), ('bulk', 'bulk'), ('fibres', 'fibres'),
-                           ('base', 'base'), ('slides', 'offset'), ('force', 'force')):
+                           ('base', 'base'), ('slides', 'offset'), ('force', 'force'),
+                           ('faces', 'faces')):
             ratio[unknowns.part(part)] = getattr(prior, name) / getattr(was, name)
         ratio[unknowns.part('pads')] = np.tile(
             [getattr(prior, n) / getattr(was, n) for n in ('travel', 'tilt', 'tilt')],
@@ -85,7 +89,7 @@ def _of_markers(at, count):
     keep = np.concatenate([chosen, np.arange(at.markers, len(at.points))])
     rows = (3 * keep[:, None] + np.arange(3)).ravel()
     return Point(at.theta, at.q, at.points[keep], at.response[rows], at.strain[keep],
-                 len(chosen))
+                 len(chosen), loads=at.loads)
 
 
 def fit(linearised, start, report=sys.stderr):

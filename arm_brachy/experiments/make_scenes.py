@@ -238,6 +238,9 @@ MESHES = {
     'breast/breast_plant.msh': ('breast/breast.stl', {
         'rims': 'breast.yaml', 'edge_length': 24e-3, 'envelope': 1.1e-3, 'depth': 7e-3}),
     'breast/breast_2331.msh': ('breast/breast.stl', {'tets': 2331, 'envelope': 0.06}),
+    # plants on which estimators are fitted: no disc has its outline, as on 2331
+    'breast/breast_1900.msh': ('breast/breast.stl', {'tets': 1900, 'envelope': 0.06}),
+    'breast/breast_3000.msh': ('breast/breast.stl', {'tets': 3000, 'envelope': 0.06}),
     'breast/breast_rims_800.msh': ('breast/breast.stl', {
         'rims': 'breast.yaml', 'edge_length': 30e-3, 'envelope': 2.2e-3, 'depth': 9e-3}),
     'breast/breast_600.msh': ('breast/breast.stl', {'tets': 600, 'envelope': 0.06,

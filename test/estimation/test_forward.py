@@ -13,7 +13,7 @@ from arm_brachy.tissue.terms.base_compliance import BaseCompliance
 from arm_brachy.tissue.terms.pad_misplacement import PadMisplacement
 
 Q = np.array([0.004, 0.001])
-PRIOR = PriorParams(modulus_modes=8, force_modes=4)
+PRIOR = PriorParams(modulus_modes=8, force_modes=4, load_places=3)
 
 
 @pytest.fixture(scope='module')
@@ -36,7 +36,8 @@ def column(forward, response, name):
 
 
 @pytest.mark.parametrize('name', ['modulus_0', 'modulus_5', 'bulk', 'fibres_2', 'fibres_11',
-                                  'left_travel', 'left_tilt_up', 'right_tilt_side', 'force_3'])
+                                  'left_travel', 'left_tilt_up', 'right_tilt_side', 'force_3',
+                                  'left_face_0', 'right_face_4', 'load_2', 'load_7'])
 def test_response_equals_central_differences_of_the_model_with_it(forward, state, response, name):
     k, step, seen = forward.unknowns.names.index(name), 0.01, []
     for sign in (-1.0, 1.0):

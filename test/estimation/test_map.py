@@ -15,7 +15,7 @@ from arm_brachy.estimation.gaussian import student_weights
 from arm_brachy.estimation.map_update import hypotheses, own_variance
 from arm_brachy.estimation.unknowns import PriorParams
 
-PRIOR = PriorParams(modulus_modes=8, force_modes=4)
+PRIOR = PriorParams(modulus_modes=8, force_modes=4, load_places=0)
 # Gaussian noise and one prior; with memory and iterations, which the defaults leave out
 PARAMS = estimator.MapParams(prior=PRIOR, dof=1e9, memory=30.0, iterations=2, others=1.0)
 Q = np.array([0.003, 0.001])
@@ -228,9 +228,12 @@ def test_within_reuse_the_linearisation_is_moved_and_as_good_as_a_new_one(block)
 
 
 def test_the_suspicion_that_explains_the_markers_gains_weight(block):
-    """Pads slid by two standard deviations, and a body that is as the model has it."""
-    built = estimator.build(block.scene, (), block.targets, block.markers,
-                            replace(PARAMS, others=0.1, iterations=1))
+    """Pads slid by two standard deviations, and a body that is as the model has it.
+
+    Without the faces of pads, which explain part of the same.
+    """
+    built = estimator.build(block.scene, (), block.targets, block.markers, replace(
+        PARAMS, others=0.1, iterations=1, prior=replace(PRIOR, faces=0.0)))
     scale = hypotheses(built.unknowns, 0.1)
     part, x = built.unknowns.part('slides'), built._rest
     of_slides = int(np.flatnonzero(scale[:, part].min(axis=1) == 1.0)[0])
@@ -246,3 +249,23 @@ def test_the_suspicion_that_explains_the_markers_gains_weight(block):
     built.step(Surface(0.0, Q, points + (H @ theta).reshape(-1, 3)[:built._m]))
     assert built._state.weights.argmax() == of_slides
     assert built._state.weights[of_slides] > at_rest
+
+
+def test_a_load_that_nobody_told_is_named_and_widens_the_ellipse(block):
+    """Half a newton on the skin beside the pads; without it nothing is named."""
+    params = estimator.MapParams(prior=replace(PRIOR, load_places=8))
+    built = estimator.build(block.scene, (), block.targets, block.markers, params)
+    x = built._forward.solve(built._rest, Q)
+    theta = np.zeros(built._k)
+    quiet = built.step(Surface(0.0, Q, built._forward.points(x)[:built._m]))
+    assert quiet.notice is Outcome.OK
+    theta[built.unknowns.part('load').start + 4] = 0.5
+    fields, offset, _ = built.unknowns.applied(theta, Q, x)
+    pressed = built._forward.points(built._forward.solve(x, Q, fields, offset))
+    built.reset()
+    found = built.step(Surface(0.0, Q, pressed[:built._m]))
+    assert found.outcome.ok and found.notice is Outcome.UNKNOWN_LOAD
+    off = found.points - pressed[built._m:]
+    squared = [o @ np.linalg.solve(P, o) for o, P in zip(off, found.covariance, strict=True)]
+    assert max(squared) < chi2.ppf(0.95, 3)
+    assert found.covariance[0].trace() > 2.0 * quiet.covariance[0].trace()
