@@ -332,10 +332,12 @@ def build_imager(cell):
     lumps = [(t.centre, t.radius, t.ratio) for t in cell.plant_terms if isinstance(t, Inclusion)]
     image, procedure = params.image, cell.scenario.procedure
     drawn = procedure is None or procedure.overlay
+    target = next((t.position for t in cell.plant.targets
+                   if procedure is not None and t.name == procedure.target), None)
     return Imager(params, mesh.nodes, mesh.connectivity, lumps,
                   stream(cell.scenario.seed, 'ultrasound_imager'),
                   build_template(cell) if drawn else None,
-                  ImageGeometry(image.width, image.height, tuple(1.0 / image.pixel)))
+                  ImageGeometry(image.width, image.height, tuple(1.0 / image.pixel)), target)
 
 
 def build_surface_scanner(cell):

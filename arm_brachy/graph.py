@@ -102,6 +102,9 @@ ULTRASOUND_INFO = Topic('ultrasound/camera_info', 'sensor_msgs/msg/CameraInfo',
 ULTRASOUND_TIP = Topic('ultrasound/tip', 'geometry_msgs/msg/PoseStamped',
                        'tip of the needle found in the image, placed by the encoders of the arm; '
                        'absent while it is not found')
+ULTRASOUND_TARGET = Topic('ultrasound/target', 'geometry_msgs/msg/PoseWithCovarianceStamped',
+                          'middle of the target, from its outlines in the images so far, by the '
+                          'encoders of the arm; absent while it is not located')
 SURFACE = Topic('surface/cloud', 'sensor_msgs/msg/PointCloud2', 'skin as a scanner sees it', 1,
                 latched=True)
 PROCEDURE = Topic('procedure/state', 'diagnostic_msgs/msg/DiagnosticArray',
@@ -141,7 +144,8 @@ def estimate_positions(name):
 # Of a procedure: nobody says them where none of its nodes takes part.
 PROBE_TOPICS = (
     NEEDLE_COMMAND, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE, PROBE_JOINTS, PROBE_POSE, PROBE_WRENCH,
-    ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP, SURFACE, PROCEDURE,
+    ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP, ULTRASOUND_TARGET,
+    SURFACE, PROCEDURE,
     TRUTH_NEEDLE, TRUTH_NEEDLE_FORCE, TRUTH_PROBE, TRUTH_CONTACT)
 ESTIMATES = tuple(estimate(name) for name in ESTIMATORS)
 ESTIMATED_MESHES = tuple(topic(name) for name in ESTIMATORS
@@ -238,7 +242,7 @@ OPERATOR = NodeSpec(
     'procedure',
     publishes=(TASK, NEEDLE_COMMAND, PROCEDURE, *EVERYWHERE),
     subscribes=(ACTUATORS, MANIPULATION, SAFETY, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE,
-                ULTRASOUND_TIP, SURFACE, *ESTIMATES),
+                ULTRASOUND_TIP, ULTRASOUND_TARGET, SURFACE, *ESTIMATES),
     same=('actuator_driver', 'mpc_manipulator', 'needle_driver', 'probe_controller',
           'ultrasound_imager', 'surface_scanner', *(n.name for n in ESTIMATOR_NODES)),
     previous=('supervisor',))
@@ -269,9 +273,9 @@ PROBE_CONTROLLER = NodeSpec(
               *(n.name for n in ESTIMATOR_NODES)),
     services=('~/follow', '~/retract', '~/hold', '~/release'))
 ULTRASOUND_IMAGER = NodeSpec(
-    'ultrasound_imager', "images, the template's holes over them, and the tip found in them",
+    'ultrasound_imager', "images, the template's holes over them, tip and target found in them",
     publishes=(ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP,
-               *EVERYWHERE),
+               ULTRASOUND_TARGET, *EVERYWHERE),
     subscribes=(TRUTH_TOPOLOGY, TRUTH_POSITIONS, TRUTH_PROBE, TRUTH_CONTACT, TRUTH_NEEDLE,
                 PROBE_POSE, NEEDLE_TIP),
     same=('tissue_simulator', 'probe_controller', 'needle_driver'))

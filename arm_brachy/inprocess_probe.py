@@ -130,6 +130,9 @@ class ProbeSide:
         if frame.tip_W is not None:
             self._log.add('tip_image', frame.t, frame.tip_W)
             self.procedure.hear_image(frame.t, frame.tip_W)
+        if frame.cavity is not None:
+            self._log.add('target_image', frame.t, frame.cavity.centre)
+            self.procedure.hear_target_image(frame.t, frame.cavity.centre)
 
     def hear_mesh(self, t, x):
         """The feedback's mesh, at the rate at which it is published; the arm hears it next."""

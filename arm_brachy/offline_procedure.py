@@ -36,6 +36,10 @@ def _on_image_tip(tally, topic, t, msg):
     tally.add('tip_image', t, _xyz(msg.pose.position))
 
 
+def _on_image_target(tally, topic, t, msg):
+    tally.add('target_image', t, _xyz(msg.pose.pose.position))
+
+
 def _on_true_needle(tally, topic, t, msg):
     last = _row(msg.poses[-1])
     tally.add('tip', t, last[9:])
@@ -83,7 +87,8 @@ def procedure_of(get, steps, periods, frames, shafts):
         return None
     return ProcedureData(
         steps=tuple(steps), needle=get('needle'), tip=get('tip'), axis=get('axis'),
-        tip_told=get('tip_told'), tip_image=get('tip_image'), probe=get('probe'),
+        tip_told=get('tip_told'), tip_image=get('tip_image'),
+        target_image=get('target_image'), probe=get('probe'),
         probe_told=get('probe_told'), state=get('probe_state'), force=_periods(periods),
         joints=get('joints'), torque=get('torque'), frames=tuple(frames), shafts=dict(shafts))
 
@@ -131,6 +136,7 @@ def _picture(data, cell):
 HANDLERS = (
     (graph.NEEDLE_STATE, _on_needle),
     (graph.NEEDLE_TIP, _on_needle_tip), (graph.ULTRASOUND_TIP, _on_image_tip),
+    (graph.ULTRASOUND_TARGET, _on_image_target),
     (graph.TRUTH_NEEDLE, _on_true_needle), (graph.TRUTH_PROBE, _on_true_probe),
     (graph.PROBE_POSE, _on_probe), (graph.PROBE_STATE, _on_probe_state),
     (graph.PROBE_JOINTS, _on_joints), (graph.ULTRASOUND_OVERLAY, _on_overlay),

@@ -6,8 +6,9 @@
     SCANNING     the skin anew: the pads have moved it
     PLACING      needle to where the probe can see its tip
     APPROACHING  probe onto the skin over the tip
-    INSERTING    needle to its depth, which follows the target; it waits for the probe where it
-                 must; the person who sees the overlay turns it back onto its path
+    INSERTING    needle to its depth, which follows the target: as estimated, and as seen once the
+                 images show it; it waits for the probe where it must; the person who sees the
+                 overlay turns it back onto its path
     DWELLING     at the target
     WITHDRAWING  needle out, RETRACTING probe off, HOMING pads home, FINISHED
 Each step has a time limit. A failure names its outcome once; then needle, probe and pads go back
@@ -114,6 +115,7 @@ class Procedure:
         self.phase, self.outcome, self.message, self.plan = Phase.SETTLING, Outcome.OK, '', None
         self._since, self._t = None, 0.0
         self._target, self._at_home = deque(), False
+        self._seen = None
         self._needle, self._probe = NeedleSeen(0.0), ProbeSeen()
         self._error, self._calm_since = np.inf, None
         self._surfaces, self._scanned = 0, 0
@@ -139,6 +141,10 @@ class Procedure:
     def hear_image(self, t, p):
         """Where the tip was found in the image."""
         self._reader.see(t, p)
+
+    def hear_target_image(self, t, p):
+        """Where the images show the target."""
+        self._seen = t, np.array(p, dtype=float)
 
     def hear_surface(self):
         """Note that the skin was scanned."""
@@ -326,8 +332,14 @@ class Procedure:
         return good and self._t - self._calm_since >= self.params.calm
 
     def _depth_wanted(self):
-        """Depth (m) at which the tip is level with the target, as it is now."""
+        """Depth (m) at which the tip is level with the target, as it is now.
+
+        What the images show counts before the estimate, which knows nothing of the loads of probe
+        and needle.
+        """
         here = self.target
+        if self._seen is not None and self._seen[0] >= self._t - _FRESH:
+            here = self._seen[1]
         if here is None:
             return self.plan.depth if self._depth is None else self._depth
         depth = self._course.depth_at(self.plan.hole, self.plan.roll, here)

@@ -4,19 +4,21 @@ import cv2
 import numpy as np
 
 _GREEN, _RED, _YELLOW, _WHITE = (0, 200, 0), (255, 60, 60), (255, 220, 0), (200, 200, 200)
-_HOLE, _TIP, _CROSS = 3, 12, 6      # pixels: radii of the circles, half a cross
+_BLUE = (90, 170, 255)
+_HOLE, _TIP, _CROSS, _DOT = 3, 12, 6, 1     # pixels: radii of the circles, half a cross
 _TICK, _DEPTH = 8, 5e-3             # pixels long;  m between them
 _SHIFT = 4                          # binary digits of a pixel's fraction that cv2 draws with
 _FAR = 1e4                          # pixels off the image, beyond which nothing is drawn
 
 
-def overlay(picture, pixel, holes, expected, found):
+def overlay(picture, pixel, holes, expected, found, outline=None):
     """Return a picture (height, width) as (height, width, 3) uint8 with what is known drawn in.
 
     pixel : (2,) [m] of a pixel
     holes : (columns, rows, 2) [pixel] where the axes of the holes pierce the image, or None; the
         middle one is filled
     expected, found : (2,) [pixel] of the tip as told (cross), as seen (circle), or None
+    outline : (k, 2) [pixel] of a cavity as seen (dots), or None
     """
     out = cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB)
     for v in np.arange(0.0, picture.shape[0], _DEPTH / pixel[1]):
@@ -30,6 +32,8 @@ def overlay(picture, pixel, holes, expected, found):
     if expected is not None and np.abs(expected).max() < _FAR:
         cv2.drawMarker(out, tuple(int(round(c)) for c in expected), _YELLOW, cv2.MARKER_CROSS,
                        2 * _CROSS)
+    for point in () if outline is None else outline:
+        _circle(out, point, _DOT, _BLUE, cv2.FILLED)
     if found is not None:
         _circle(out, found, _TIP, _RED, 1)
     return out

@@ -19,6 +19,12 @@ import numpy as np
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.quantity import quantity
+from arm_brachy.devices.cavity_detector import (
+    Cavity,
+    CavityDetector,
+    CavityDetectorParams,
+    CavityLocaliser,
+)
 from arm_brachy.devices.needle_echo import NeedleEcho, NeedleEchoParams
 from arm_brachy.devices.overlay import overlay
 from arm_brachy.devices.sampling import SampleTimes
@@ -36,6 +42,7 @@ class ImagerParams:
     image: UltrasoundParams = field(default_factory=UltrasoundParams)
     echo: NeedleEchoParams = field(default_factory=NeedleEchoParams)
     detector: TipDetectorParams = field(default_factory=TipDetectorParams)
+    cavity: CavityDetectorParams = field(default_factory=CavityDetectorParams)
     stiff_echo: float = quantity(-10.0, 'dB', 'of inclusions stiffer than the tissue', low=-60.0,
                                  high=30.0, source='malignant masses are mostly hypoechoic, '
                                                    'Stavros et al. 1995, Radiology 196:123; the '
@@ -46,7 +53,10 @@ class ImagerParams:
                                     shape=(3,))
     seroma_radius: float = quantity(0.0, 'mm', 'of the cavity after surgery; 0 = none', low=0.0,
                                     high=60.0, source='own choice: none')
-    seroma_echo: float = quantity(-40.0, 'dB', 'of the fluid in it', low=-100.0, high=30.0,
+    target_radius: float = quantity(0.0, 'mm', "of a cavity around the procedure's target, which "
+                                    'the images are then searched for; 0 = no echo of its own',
+                                    low=0.0, high=60.0, source='own choice: none')
+    seroma_echo: float = quantity(-40.0, 'dB', 'of the fluid in cavities', low=-100.0, high=30.0,
                                   source='fluid is anechoic')
     contact_pressure: float = quantity(100.0, 'Pa', 'of a strip of the face, from which on it has '
                                        'contact', low=0.0, high=1e5,
@@ -69,6 +79,7 @@ class Frame:
     picture : (height, width) uint8;  overlay : (height, width, 3) uint8, RGB
     detection : Detection, or None where nothing was searched
     tip_W : (3,) [m] of the tip in W, by the told pose of the probe; None if not found
+    cavity : Cavity, in W by the told poses of the probe so far; None while it is not located
     """
 
     t: float
@@ -76,20 +87,25 @@ class Frame:
     overlay: np.ndarray
     detection: Detection | None
     tip_W: np.ndarray | None
+    cavity: Cavity | None
     outcome: Outcome
     message: str = ''
 
 
-def echo_regions(params, inclusions):
-    """Return the EchoRegions of an ImagerParams: inclusions, then the seroma.
+def echo_regions(params, inclusions, target=None):
+    """Return the EchoRegions of an ImagerParams: inclusions, then the seroma and the target.
 
     inclusions : of (centre (3,) [m], radius [m], ratio of stiffness)
+    target : (3,) [m] of the target at rest, or None
     """
     regions = [EchoRegion(tuple(centre), radius, _amplitude(
         params.stiff_echo if ratio > 1.0 else params.soft_echo))
         for centre, radius, ratio in inclusions if ratio != 1.0]
     if params.seroma_radius > 0.0:
         regions.append(EchoRegion(params.seroma_centre, params.seroma_radius,
+                                  _amplitude(params.seroma_echo)))
+    if target is not None and params.target_radius > 0.0:
+        regions.append(EchoRegion(tuple(target), params.target_radius,
                                   _amplitude(params.seroma_echo)))
     return regions
 
@@ -102,20 +118,25 @@ class Imager:
     """Simulated probe; `see` once a tick. Same seed, same bits.
 
     params : ImagerParams;  rest, elements : of the plant's mesh, see speckle.TissueScatterers
-    inclusions : see `echo_regions`;  rng : numpy Generator
+    inclusions, target : see `echo_regions`;  rng : numpy Generator
     template : has in_image(R, p, geometry) -> (columns, rows, 2) [pixel], or None
     geometry : what it needs to know of the image
     Test: devices/test_ultrasound_imager.py
     """
 
-    def __init__(self, params, rest, elements, inclusions, rng, template=None, geometry=None):
+    def __init__(self, params, rest, elements, inclusions, rng, template=None, geometry=None,
+                 target=None):
         """Draw the scatterers; see the class."""
         self.params, self._template, self._geometry = params, template, geometry
         self._scatterers = TissueScatterers(rest, elements, params.image.density,
-                                            echo_regions(params, inclusions), rng)
+                                            echo_regions(params, inclusions, target), rng)
         self._former = ImageFormer(params.image)
         self._echo = NeedleEcho(params.echo, params.image)
         self._detector = TipDetector(params.detector, params.image, params.echo)
+        self._outlines = self._cavity = None
+        if target is not None and params.target_radius > 0.0:
+            self._outlines = CavityDetector(params.cavity, params.image)
+            self._cavity = CavityLocaliser(params.cavity)
         self._times, self._last = SampleTimes(params.image.rate), None
         self._contact, self._share = None, None
 
@@ -143,14 +164,16 @@ class Imager:
             outcome, message = Outcome.IMAGE_EMPTY, Outcome.IMAGE_EMPTY.advice
         elif complaint and outcome.ok:
             outcome, message = Outcome.REJECTED, complaint
-        tip_W, found = None, None
+        tip_W, found, head = None, None, place
         if detection is not None and detection.found:
             R, p = told_probe
             tip_W = p + R @ [detection.x, 0.0, detection.z]
-            found = self._pixels(detection.x, detection.z)
+            head = np.array([detection.x, detection.z])
+            found = self._pixels(*head)
+        cavity, outline = self._locate(t, picture, told_probe, place, head)
         expected = None if place is None else self._pixels(*place)
-        drawn = overlay(picture, self.params.image.pixel, holes, expected, found)
-        return Frame(t, picture, drawn, detection, tip_W, outcome, message)
+        drawn = overlay(picture, self.params.image.pixel, holes, expected, found, outline)
+        return Frame(t, picture, drawn, detection, tip_W, cavity, outcome, message)
 
     def _picture(self, x, R, p, pressure, shaft):
         """Picture (height, width) uint8, and the number of scatterers in it."""
@@ -205,6 +228,20 @@ class Imager:
             f'imager: no needle within {1e3 * self.params.detector.window:g} mm of where its tip '
             f'is expected (correlation {detection.correlation:.2f}); check contact, hole and '
             'depth')
+
+    def _locate(self, t, picture, told_probe, place, head):
+        """The Cavity as known by now, and its outline in this picture (k, 2) [pixel], or None.
+
+        place, head : (2,) [m] in the plane of the needle, as expected and as seen
+        """
+        if self._outlines is None or place is None:
+            return None, None
+        outline = self._outlines.outline(picture, place, head)
+        if outline is None:
+            return self._cavity.cavity, None
+        self._cavity.see(t, *told_probe, outline)
+        pixels = outline / self.params.image.pixel + [0.5 * (self.params.image.width - 1), 0.0]
+        return self._cavity.cavity, pixels
 
     def _pixels(self, x, z):
         image = self.params.image

@@ -39,6 +39,7 @@ class ProcedureData:
     needle : Series of depth, speed, force as measured (n, 3)
     tip, axis : Series (n, 3) of the true tip, and of the true direction there
     tip_told, tip_image : Series (n, 3) of it by depth and template, and found in the image
+    target_image : Series (n, 3) of the target, located in the images
     probe, probe_told : Series (n, 12), rotation row by row and position, true and by encoders
     state : Series (n, 4) of phase, contact, force goal, distance of the tip from the image plane
     force : Series (n,) contact force of every period of the controller
@@ -54,6 +55,7 @@ class ProcedureData:
     axis: Series | None = None
     tip_told: Series | None = None
     tip_image: Series | None = None
+    target_image: Series | None = None
     probe: Series | None = None
     probe_told: Series | None = None
     state: Series | None = None

@@ -3,6 +3,8 @@
 All distances are of the true tip, all over the step INSERTING unless they say otherwise:
     out of plane     y_P . (p_tip - p_P), distance of the tip from the image plane
     localisation     tip found in the image, placed by the arm's encoders, less the true tip
+    target located   target by its outlines in the images less the true target, over INSERTING
+                     and DWELLING
     off axis         distance of the tip from the axis of its hole
     miss             distance of tip and target, mean over DWELLING; across and along the needle
     force            of every period of the controller, less its goal, from the moment it has
@@ -56,6 +58,7 @@ class ProcedureMetrics:
     miss_across: float
     miss_along: float
     miss_pads: float
+    target_located_rms: float
     force_rms: float
     force_steady: float
     force_peak: float
@@ -97,6 +100,9 @@ def assess_procedure(data, target):
         values |= _force(data, inserting, dwelling) | _effort(data, inserting)
     if dwelling is not None and target is not None:
         values |= _miss(data, target, dwelling)
+    if inserting is not None and target is not None:
+        values |= _located(data, target, (inserting if dwelling is None else
+                                          (inserting[0], dwelling[1])))
     return ProcedureMetrics(**values)
 
 
@@ -160,6 +166,16 @@ def _miss(data, target, window):
             'miss_along': float(np.mean(np.abs(along))),
             'miss_across': float(np.mean(np.linalg.norm(_across(off, hole_axis(data)), axis=1))),
             'miss_pads': float(np.mean(np.linalg.norm(away, axis=1)))}
+
+
+def _located(data, target, window):
+    if data.target_image is None:
+        return {}
+    seen = data.target_image.between(*window)
+    if not len(seen.t):
+        return {}
+    off = seen.values - _interpolated(target, seen.t)
+    return {'target_located_rms': _rms(np.linalg.norm(off, axis=1))}
 
 
 def _force(data, inserting, dwelling):
@@ -249,6 +265,7 @@ def procedure_row(numbers):
         'off_axis_end_mm': n.off_axis_end * MM, 'off_plan_end_mm': n.off_plan_end * MM,
         'tip_to_target_mm': n.miss * MM, 'tip_to_target_across_mm': n.miss_across * MM,
         'tip_to_target_along_mm': n.miss_along * MM, 'target_to_goal_mm': n.miss_pads * MM,
+        'target_located_rms_mm': n.target_located_rms * MM,
         'force_rms_N': n.force_rms, 'force_steady_N': n.force_steady,
         'force_peak_error_N': n.force_peak, 'force_overshoot_N': n.force_overshoot,
         'torque_mean_Nm': n.torque,

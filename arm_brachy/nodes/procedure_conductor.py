@@ -20,8 +20,8 @@ HOLE_NAMES = ('hole_x', 'hole_y', 'hole_z', 'roll')
 class ProcedureConductor:
     """Feeds a Procedure, carries out its orders one after another within the tick.
 
-    in   needle/state, probe/state, ultrasound/tip, surface/cloud, estimate/<feedback>/<target>,
-         actuators/state, cell/safety
+    in   needle/state, probe/state, ultrasound/tip, ultrasound/target, surface/cloud,
+         estimate/<feedback>/<target>, actuators/state, cell/safety
     out  needle/command  ActuatorCommand   names [needle]: depth; [hole_x, hole_y, hole_z, roll]:
                                            into a hole; [roll]: turned at its base
          procedure/state DiagnosticArray   at every new step: plan and outcome
@@ -61,6 +61,8 @@ class ProcedureConductor:
                                    Outcome[msg.outcome], msg.message))
         for msg in inputs.get(graph.ULTRASOUND_TIP.name, ()):
             p.hear_image(convert.nanoseconds(msg) * 1e-9, convert.xyz(msg.pose.position))
+        for msg in inputs.get(graph.ULTRASOUND_TARGET.name, ()):
+            p.hear_target_image(convert.nanoseconds(msg) * 1e-9, convert.position(msg))
         for _ in inputs.get(graph.SURFACE.name, ()):
             p.hear_surface()
         for msg in inputs.get(graph.ACTUATORS.name, ()):

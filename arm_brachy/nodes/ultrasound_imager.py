@@ -22,6 +22,7 @@ class UltrasoundImagerNode(Node):
          ultrasound/overlay       Image rgb8   holes and tip drawn in
          ultrasound/camera_info   CameraInfo   pixels per metre
          ultrasound/tip           PoseStamped  where the tip was found, orientation as told
+         ultrasound/target        PoseWithCovarianceStamped  where the target is, once located
     par  scenario, image_frame
     """
 
@@ -40,6 +41,7 @@ class UltrasoundImagerNode(Node):
         self._overlay_pub = ticker.publisher(graph.ULTRASOUND_OVERLAY)
         self._info_pub = ticker.publisher(graph.ULTRASOUND_INFO)
         self._tip_pub = ticker.publisher(graph.ULTRASOUND_TIP)
+        self._target_pub = ticker.publisher(graph.ULTRASOUND_TARGET)
         self._health = Health(self, ticker, self._frame)
         for topic in graph.ULTRASOUND_IMAGER.subscribes:
             ticker.subscribe(topic)
@@ -61,6 +63,9 @@ class UltrasoundImagerNode(Node):
             self._found += 1
             R, _ = convert.rigid(self._latest[graph.NEEDLE_TIP.name].pose)
             self._tip_pub(convert.pose_stamped(t_ns, self._frame, R, frame.tip_W))
+        if frame.cavity is not None:
+            self._target_pub(convert.estimated_pose(
+                self._frame, t_ns * 1e-9, frame.cavity.centre, frame.cavity.covariance))
         self._health.beat(t_ns, lambda: {'images': self._images, 'tips': self._found})
 
     def _see(self, t_ns):

@@ -14,6 +14,7 @@ from arm_brachy.core.quantity import quantities
 from arm_brachy.core.random import stream
 from arm_brachy.core.term import SensingTerm
 from arm_brachy.devices.actuator import ActuatorParams, SimulatedBank
+from arm_brachy.devices.cavity_detector import CavityDetectorParams
 from arm_brachy.devices.em_tracker import EmTracker, EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensor, ForceSensorParams
 from arm_brachy.devices.insertion import InsertionProfile
@@ -42,7 +43,7 @@ from arm_brachy.devices.ultrasound_imager import ImagerParams
 NAMES = ('a', 'b', 'c')
 PARAMS = (ActuatorParams, EmTrackerParams, OpticalParams, ForceSensorParams)
 PROBING = (NeedleParams, InsertionProfile, NeedleDriverParams, UltrasoundParams,
-           NeedleEchoParams, TipDetectorParams, ImagerParams, ScannerParams)
+           NeedleEchoParams, TipDetectorParams, CavityDetectorParams, ImagerParams, ScannerParams)
 TERMS = (ActuatorLag, ActuatorGain, Backlash, LostSteps, ActuatorCompliance, MarkerSlip,
          OpticalScale, EmDistortion, EmOffset, AxisCrosstalk, ForceGain, ForceDrift,
          ClockOffset)

@@ -40,7 +40,7 @@ class Toy:
         self.target, self.goal = np.array([0.0, 0.002, 0.0]), None
         self.depth, self.drive, self.hole, self.probe = 0.0, (0.0, 0.0), HOLES[1, 1], 0
         self.p, self.t_dir, self.n, self.home = self.hole.copy(), AXIS, SIDE, True
-        self.permission, self.contact = Permission.RUN, True
+        self.permission, self.contact, self.seen_off = Permission.RUN, True, None
 
     def run(self, seconds=200.0, until=None):
         """Go on until all is over, a phase begins, or the time is up; returns self."""
@@ -64,6 +64,8 @@ class Toy:
         p.hear_pads(self.home)
         if touching:
             p.hear_image(self.t, self.p)
+            if self.seen_off is not None:
+                p.hear_target_image(self.t, self.target + self.seen_off)
         for order in p.step(self.t):
             self._obey(order)
         self.phases.append(p.phase)
@@ -144,6 +146,21 @@ def test_the_needle_follows_a_target_that_moves_along_it():
     toy.goal = toy.goal + [0.003, 0.0, 0.0]
     toy.run(until=Phase.DWELLING)
     assert abs(toy.p[0] - toy.target[0]) < 0.7e-3
+
+
+def test_what_the_images_show_of_the_target_counts_before_the_estimate():
+    """The estimate is 2.5 mm off along the needle: it knows nothing of probe and needle."""
+    off = np.array([0.0025, 0.0, 0.0])
+    toy = Toy(overlay=False).run(until=Phase.INSERTING)
+    toy.seen_off = off
+    toy.run(until=Phase.DWELLING)
+    assert abs(toy.p[0] - (toy.target + off)[0]) < 0.7e-3
+    lost = Toy(overlay=False).run(until=Phase.INSERTING)
+    lost.seen_off = off
+    lost.tick()
+    lost.seen_off = None            # out of sight again: the estimate it is
+    lost.run(until=Phase.DWELLING)
+    assert abs(lost.p[0] - lost.target[0]) < 0.7e-3
 
 
 @pytest.mark.parametrize(('broken', 'phase', 'outcome'), [
