@@ -26,6 +26,7 @@ from arm_brachy.control.needle_plan import NoPlan, plan
 from arm_brachy.control.overlay_reader import OverlayReader
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.probe_phase import ProbePhase
 
 MOVE = 'bring_target'   # name of the task during which the pads move the target
 AVERAGED = 1.0      # s of estimates whose mean is where the target is
@@ -33,7 +34,6 @@ _FRESH = 0.5        # s, age from which on an estimate says nothing any more
 _STEP = 0.2e-3      # m by which a wanted depth has to change before it is ordered
 _ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: depth sensor's error
 _OUT = 1.5e-3       # m of told depth below which the needle is out
-IDLE, APPROACH, FOLLOW, HOLD, RETRACT, STOPPED = range(6)     # ProbeState.phase
 
 
 class Phase(Enum):
@@ -91,7 +91,7 @@ class NeedleSeen:
 class ProbeSeen:
     """What the probe's controller says; see ProbeState."""
 
-    phase: int = IDLE
+    phase: int = ProbePhase.IDLE
     in_contact: bool = False
     out_of_plane: float = np.nan
     outcome: Outcome = Outcome.OK
@@ -254,7 +254,7 @@ class Procedure:
         if not self._ordered:
             self._ordered = True
             return [Order(Kind.FOLLOW)]
-        if probe.phase == FOLLOW and probe.in_contact:
+        if probe.phase == ProbePhase.FOLLOW and probe.in_contact:
             if self._lasts_calm(True):
                 self._enter(Phase.INSERTING)
         elif not self._lasts_calm(False) and self._elapsed > _FRESH:
@@ -287,18 +287,18 @@ class Procedure:
             self._ordered = True
             orders.append(self._drive(0.0, self.params.withdrawal))
         shallow = self.plan is None or self._needle.depth < self.plan.depth - self.params.view
-        if shallow and self._probe.phase in (APPROACH, FOLLOW):
+        if shallow and self._probe.phase in (ProbePhase.APPROACH, ProbePhase.FOLLOW):
             orders.append(Order(Kind.HOLD))
         if self._needle.depth < _OUT:
             self._enter(Phase.RETRACTING)
         return orders
 
     def _retracting(self):
-        if self._probe.phase in (IDLE, STOPPED):
+        if self._probe.phase in (ProbePhase.IDLE, ProbePhase.STOPPED):
             self._enter(Phase.HOMING)
         elif not self._ordered:
             self._ordered = True
-            if self._probe.phase != RETRACT:
+            if self._probe.phase != ProbePhase.RETRACT:
                 return [Order(Kind.RETRACT)]
         return None
 
@@ -376,7 +376,7 @@ class Procedure:
     def _probe_well(self):
         """False, and the procedure has failed, once the probe has given up."""
         probe = self._probe
-        if probe.outcome.ok or probe.phase in (APPROACH, FOLLOW):
+        if probe.outcome.ok or probe.phase in (ProbePhase.APPROACH, ProbePhase.FOLLOW):
             return True
         self._fail(probe.outcome, probe.message)
         return False

@@ -11,10 +11,11 @@ import numpy as np
 
 from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.probe_phase import ProbePhase as Phase
 from arm_brachy.robot.panda_holder import PERIOD, PandaHolder
 from arm_brachy.robot.probe_arm_params import ProbeArmParams
 from arm_brachy.robot.probe_holder import Errand, Way
-from arm_brachy.robot.probe_phases import Phase, Phases, Situation
+from arm_brachy.robot.probe_phases import Phases, Situation
 from arm_brachy.robot.probe_planner import PLANNERS, Plan
 from arm_brachy.robot.probe_pose import out_of_plane
 from arm_brachy.robot.reference import rotation_vector

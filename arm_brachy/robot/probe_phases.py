@@ -10,25 +10,14 @@ A fault names its outcome, which stays until the next `follow` or `release`.
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.probe_phase import ProbePhase as Phase
 
 _LONGEST_WAY = 3.0               # s off the skin, where the end of the way cannot be reached
 RUN, HELD, STOP = range(3)       # values of SafetyState.state
 _TRIPS = {1: 'force', 2: 'speed', 3: 'place', 4: 'angle or speed of a joint'}
-
-
-class Phase(IntEnum):
-    """Values of arm_brachy_msgs/ProbeState.phase."""
-
-    IDLE = 0
-    APPROACH = 1
-    FOLLOW = 2
-    HOLD = 3
-    RETRACT = 4
-    STOPPED = 5
 
 
 @dataclass(frozen=True)

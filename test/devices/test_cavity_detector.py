@@ -1,4 +1,4 @@
-"""A cavity in the images: its outline in a picture, its centre over a sweep, when there is none."""
+"""A cavity in the images: its outline in a picture, its centre over a sweep, or none."""
 
 from dataclasses import replace
 

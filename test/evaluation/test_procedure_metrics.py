@@ -84,6 +84,14 @@ def test_overshoot_counts_from_the_first_touch_until_the_probe_retracts():
     assert goal.met is False and goal.value == pytest.approx(1.5)
 
 
+def test_a_target_located_in_the_images_is_compared_while_the_needle_goes_in_and_rests():
+    seen = Series(T, np.tile([0.3e-3, 0.02, 0.0014], (len(T), 1)))
+    seen.values[T < 5.0] = 1.0                                  # before the insertion: not counted
+    numbers = assess_procedure(replace(run(), target_image=seen), still(0, 0.02, 0.001))
+    assert numbers.target_located_rms == pytest.approx(0.5e-3)
+    assert np.isnan(assess_procedure(run(), still(0, 0.02, 0.001)).target_located_rms)
+
+
 def test_goals_are_met_or_missed_or_cannot_be_judged():
     met = [g.met for g in procedure_targets(assess_procedure(run(), None))]
     assert met == [True] * 7
@@ -96,4 +104,4 @@ def test_goals_are_met_or_missed_or_cannot_be_judged():
 def test_the_row_has_every_number_with_its_unit():
     row = procedure_row(assess_procedure(run(), still(0, 0.02, 0.001)))
     assert row['tip_in_plane_percent'] == 100.0
-    assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 21
+    assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 22

@@ -8,9 +8,10 @@ import pytest
 
 from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.probe_phase import ProbePhase as Phase
 from arm_brachy.robot import panda_parameters as panda
 from arm_brachy.robot.probe_arm import ProbeArm, ProbeArmParams
-from arm_brachy.robot.probe_phases import HELD, RUN, STOP, Phase
+from arm_brachy.robot.probe_phases import HELD, RUN, STOP
 
 RADIUS = 0.062
 CENTRE = np.array([0.0, 0.0, -0.007])      # apex at 55 mm, as in the breast scene
