@@ -27,6 +27,7 @@ NODES = (
     'push_protocol',
     'recorder',
     'replayer',
+    'cell_viewer',
     'supervisor',
 )
 

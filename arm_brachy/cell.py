@@ -32,6 +32,7 @@ from arm_brachy.devices.surface_scanner import PadShadow, Plate, SurfaceScanner
 from arm_brachy.devices.ultrasound_imager import Imager
 from arm_brachy.estimation.live import LiveEstimator
 from arm_brachy.estimation.marker_motion import MarkerMotion
+from arm_brachy.robot.panda_parameters import JOINT_NAMES
 from arm_brachy.robot.reference import rotation
 from arm_brachy.robot.rigid_body import Arm, frames
 from arm_brachy.robot.template import ImageGeometry, Template
@@ -50,6 +51,8 @@ from arm_brachy.tissue.probe_face import ProbeFace
 from arm_brachy.tissue.probe_reading import ProbeReading
 from arm_brachy.tissue.simulator import TissueSimulator
 from arm_brachy.tissue.terms.inclusion import Inclusion
+from arm_brachy.viewing import drawing
+from arm_brachy.viewing.description import description
 
 
 @dataclass(frozen=True)
@@ -370,10 +373,39 @@ def build_probe_arm(cell):
 
 def arm_line(cell, q):
     """Return (8, 3) [m] of the arm that holds the probe in W: base, then its joints at q (7,)."""
-    params = cell.scenario.probe
-    R_WB = rotation(np.array([0.0, 0.0, params.base_turn]))
+    R_WB, p_WB = arm_base(cell)
     joints = np.vstack([np.zeros(3), frames(Arm.panda().dh, np.asarray(q, dtype=float))[1]])
-    return np.array(params.base) + joints @ R_WB.T
+    return p_WB + joints @ R_WB.T
+
+
+def arm_base(cell):
+    """Return R_WB (3, 3), p_WB (3,) [m] of the base of the arm that holds the probe."""
+    params = cell.scenario.probe
+    return rotation(np.array([0.0, 0.0, params.base_turn])), np.array(params.base)
+
+
+def build_stage(cell, look):
+    """What never changes in a drawing of the cell, from the scene as the laboratory has it.
+
+    look : viewing.params.ViewerParams
+    """
+    image = cell.scenario.ultrasound.image
+    pads = tuple(drawing.Pad(pad.name, np.array(pad.centre), direction, pad.radius)
+                 for pad, direction in zip(cell.scene.pads, pad_directions(cell.scene),
+                                           strict=True))
+    scales = {'full_colour': look.full_colour, 'arrow': look.arrow}
+    if cell.scenario.procedure is None:
+        return drawing.Stage(pads, **scales)
+    return drawing.Stage(pads, build_template(cell).holes.reshape(-1, 3),
+                         (image.aperture, image.depth), **scales)
+
+
+def build_description(cell, frame):
+    """URDF (text) of the cell's actuators and, in a procedure, of its arm; frame : of the base."""
+    arm = None if cell.scenario.procedure is None else (*arm_base(cell), JOINT_NAMES)
+    return description(frame, build_stage(cell, cell.scenario.viewer).pads,
+                       [pad.stroke for pad in cell.scene.pads],
+                       cell.scenario.actuators.max_speed, arm)
 
 
 def build_procedure(cell):

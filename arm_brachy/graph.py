@@ -46,7 +46,10 @@ OUTCOME = Topic('cell/outcome', 'arm_brachy_msgs/msg/StepOutcome',
                 'expected trouble, with advice', 100)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray',
                     'health of every node, 1 Hz')
-TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', 'tracked tools as frames, for viewers', 100)
+TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', 'frames that move: EM sensors, pads, needle tip, '
+           'probe, links of the arm', 100)
+TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', 'frames that do not move: trackers, '
+                  'template, base of the arm, image', 1, latched=True)
 
 COMMAND = Topic('actuators/command', 'arm_brachy_msgs/msg/ActuatorCommand',
                 'where the pads shall go', 100)
@@ -59,7 +62,8 @@ EM_STATUS = Topic('em/{tool}/status', 'arm_brachy_msgs/msg/ToolStatus',
 OPTICAL = Topic('optical/markers', 'arm_brachy_msgs/msg/OpticalFrame',
                 'all optical markers of a frame', 5, False)
 WRENCH = Topic('force/{pad}/wrench', 'geometry_msgs/msg/WrenchStamped',
-               'tissue on pad: base axes, moment about the displaced disc centre', 5, False)
+               "tissue on pad, in the pad's frame: axes of the base, moment about the displaced "
+               'disc centre', 5, False)
 MANIPULATION = Topic('manipulation/state', 'arm_brachy_msgs/msg/ManipulationState',
                      "the controller's belief and decision")
 
@@ -117,6 +121,17 @@ TRUTH_PROBE = Topic('truth/probe', 'geometry_msgs/msg/PoseStamped', 'true pose o
 TRUTH_CONTACT = Topic('truth/probe_contact', 'arm_brachy_msgs/msg/ProbeContact',
                       'what the tissue answers to the probe', 100)
 
+# For viewers; nothing of the cell reads them.
+MARKERS = Topic('cell/markers', 'visualization_msgs/msg/MarkerArray',
+                'what the cell measures, estimates and wants, drawn', 5)
+TRUTH_MARKERS = Topic('truth/markers', 'visualization_msgs/msg/MarkerArray',
+                      'the simulated plant, drawn', 5)
+JOINT_STATES = Topic('joint_states', 'sensor_msgs/msg/JointState',
+                     'encoders of the actuators and of the arm, as robot_description names them',
+                     100)
+DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', 'URDF of actuators and arm', 1,
+                    latched=True)
+
 # Ways to see inside the tissue from markers and encoders; the node is `<name>_estimator`.
 ESTIMATORS = ('kf_admm', 'graph_vae', 'map', 'pod')
 FEEDBACKS = ('em', *ESTIMATORS)   # what the manipulator may hear a target from
@@ -151,10 +166,10 @@ ESTIMATES = tuple(estimate(name) for name in ESTIMATORS)
 ESTIMATED_MESHES = tuple(topic(name) for name in ESTIMATORS
                          for topic in (estimate_topology, estimate_positions))
 
-TOPICS = (CLOCK, TICK_DONE, SAFETY, TASK, OUTCOME, DIAGNOSTICS, TF, COMMAND, ACTUATORS,
+TOPICS = (CLOCK, TICK_DONE, SAFETY, TASK, OUTCOME, DIAGNOSTICS, TF, TF_STATIC, COMMAND, ACTUATORS,
           EM_POSE, EM_STATUS, OPTICAL, WRENCH, MANIPULATION, TRUTH_PADS, TRUTH_POINTS,
           TRUTH_TOPOLOGY, TRUTH_POSITIONS, MODEL_POINTS, MODEL_TOPOLOGY, MODEL_POSITIONS,
-          *PROBE_TOPICS,
+          *PROBE_TOPICS, MARKERS, TRUTH_MARKERS, JOINT_STATES, DESCRIPTION,
           *(topic(name) for name in ESTIMATORS
             for topic in (estimate, estimate_topology, estimate_positions)))
 
@@ -289,16 +304,27 @@ MISMATCH_MONITOR = NodeSpec(
     'channel departs, and since when',
     publishes=EVERYWHERE, subscribes=(MODEL_POINTS, OPTICAL, EM_POSE, WRENCH),
     same=('tissue_model', 'optical_tracker', 'em_tracker', 'force_sensor'))
+CELL_VIEWER = NodeSpec(
+    'cell_viewer', 'draws the cell for viewers (Foxglove, RViz): shapes, frames, robot model',
+    publishes=(MARKERS, TRUTH_MARKERS, TF, TF_STATIC, JOINT_STATES, DESCRIPTION, *EVERYWHERE),
+    subscribes=(ACTUATORS, OPTICAL, EM_POSE, WRENCH, MANIPULATION, *ESTIMATES, *ESTIMATED_MESHES,
+                MODEL_TOPOLOGY, MODEL_POSITIONS, NEEDLE_STATE, NEEDLE_TIP, PROBE_POSE,
+                PROBE_JOINTS, ULTRASOUND_TIP, TRUTH_POINTS, TRUTH_TOPOLOGY, TRUTH_POSITIONS,
+                TRUTH_NEEDLE),
+    same=('actuator_driver', 'tissue_simulator', 'tissue_model', 'em_tracker', 'optical_tracker',
+          'force_sensor', *(n.name for n in ESTIMATOR_NODES), 'mpc_manipulator', 'needle_driver',
+          'probe_controller', 'ultrasound_imager'))
 RECORDER = NodeSpec(
     'recorder', 'writes every topic to an MCAP bag as raw bytes',
     subscribes=tuple(t for t in TOPICS if t is not CLOCK and t is not TICK_DONE),
     same=('actuator_driver', 'tissue_simulator', 'tissue_model', 'em_tracker', 'optical_tracker',
           'force_sensor', *(n.name for n in ESTIMATOR_NODES), 'mpc_manipulator', 'operator',
-          'push_protocol', 'supervisor', *(n.name for n in PROBE_NODES), 'mismatch_monitor'))
+          'push_protocol', 'supervisor', *(n.name for n in PROBE_NODES), 'mismatch_monitor',
+          'cell_viewer'))
 
 NODES = (CELL_CLOCK, ACTUATOR_DRIVER, TISSUE_SIMULATOR, TISSUE_MODEL, EM_TRACKER, OPTICAL_TRACKER,
          FORCE_SENSOR, *ESTIMATOR_NODES, MPC_MANIPULATOR, OPERATOR, PUSH_PROTOCOL, SUPERVISOR,
-         *PROBE_NODES, MISMATCH_MONITOR, RECORDER)
+         *PROBE_NODES, MISMATCH_MONITOR, CELL_VIEWER, RECORDER)
 REPLAYER = 'replayer'  # stands in for the clock and for absent nodes; it is no part of a cell
 COMPARISON = (TISSUE_MODEL, MISMATCH_MONITOR)   # run beside a cell, or on a recording
 # A full run of a scenario with tasks that hears the EM tracker, and of one with moves.
@@ -321,6 +347,8 @@ def cell_of(scenario, pads=True):
         wanted |= {n.name for n in PROBE_NODES}
     if not scenario.moves and scenario.feedback != 'em':
         wanted.discard(EM_TRACKER.name)
+    if not scenario.viewer.on:
+        wanted.discard(CELL_VIEWER.name)
     if not pads:
         wanted -= {n.name for n in PUSHING}
     return tuple(n.name for n in NODES if n.name in wanted)

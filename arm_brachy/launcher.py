@@ -61,13 +61,15 @@ def _ros_text(value):
     return json.dumps(value) if isinstance(value, (bool, str)) else str(value)
 
 
-def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0, watch=False):
+def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0, watch=False, viewer=True):
     """The processes of a full run of a scenario, recorded into folder `bag`.
 
     watch : the model and the monitor that compares it with the sensors run beside the cell
+    viewer : False leaves out the node that draws the cell for viewers, whatever the scenario says
     """
     wanted = {*graph.cell_of(cell.scenario, cell.scene.pads),
               *(n.name for n in graph.COMPARISON if watch)}
+    wanted -= set() if viewer else {graph.CELL_VIEWER.name}
     names = [n.name for n in graph.NODES if n.name in wanted
              and (cell.scenario.pace == 'lockstep' or n is not graph.CELL_CLOCK)]
     common = {'scenario': str(scenario_path), 'peers': names}

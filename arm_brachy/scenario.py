@@ -36,6 +36,7 @@ from arm_brachy.estimation.map import MapParams, own_mesh
 from arm_brachy.estimation.pod import PodParams
 from arm_brachy.robot.probe_arm_params import ProbeArmParams
 from arm_brachy.robot.template import TemplateParams
+from arm_brachy.viewing.params import ViewerParams
 
 ROS_NAME = re.compile('[A-Za-z][A-Za-z0-9_]*')  # a token of a topic name
 PADS_BY_NUMBER = ('actuators', 'pad', 'carrier')  # parameters of terms that also take names
@@ -141,6 +142,7 @@ class Scenario:
     scanner: ScannerParams = field(default_factory=ScannerParams)
     probe: ProbeArmParams = field(default_factory=ProbeArmParams)
     procedure: ProcedureParams | None = None
+    viewer: ViewerParams = field(default_factory=ViewerParams)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ NUMERICAL = {
     'control': {'core', 'tissue'},
     'estimation': {'core', 'tissue'},
     'robot': {'core'},
+    'viewing': {'core', 'robot'},
     'registry': {'core', 'tissue', 'devices'},
 }
 # Of these, each may import all numerical parts and whatever stands before it.

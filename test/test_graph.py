@@ -68,12 +68,33 @@ def test_every_topic_is_in_the_list_and_has_a_writer():
 def test_truth_reaches_devices_and_recorder_only():
     """No estimator, controller or operator may know what a real cell could not tell it."""
     allowed = {graph.ACTUATOR_DRIVER, graph.TISSUE_SIMULATOR, graph.EM_TRACKER,
-               graph.OPTICAL_TRACKER, graph.FORCE_SENSOR, graph.RECORDER, *graph.PROBE_NODES}
+               graph.OPTICAL_TRACKER, graph.FORCE_SENSOR, graph.RECORDER, graph.CELL_VIEWER,
+               *graph.PROBE_NODES}
     listeners = {n for n in graph.NODES if any(t.name.startswith('truth/') for t in n.subscribes)}
     assert listeners <= allowed
     writers = {n for n in graph.NODES if any(t.name.startswith('truth/') for t in n.publishes)}
     assert writers == {graph.ACTUATOR_DRIVER, graph.TISSUE_SIMULATOR, graph.NEEDLE_DRIVER,
-                       graph.PROBE_CONTROLLER}
+                       graph.PROBE_CONTROLLER, graph.CELL_VIEWER}
+
+
+def test_nobody_hears_the_viewer_but_the_recorder():
+    """It reads the truth: what it says must come back to no node, not even as a wait."""
+    shared = {graph.TF, graph.OUTCOME, graph.DIAGNOSTICS}
+    for topic in set(graph.CELL_VIEWER.publishes) - shared:
+        assert graph.writers(topic.name, NAMES) == ('cell_viewer',)
+    for topic in graph.CELL_VIEWER.publishes:
+        assert graph.readers(topic.name, NAMES) == ('recorder',), topic.name
+    assert graph.waiters('cell_viewer', NAMES) == ('cell_clock', 'recorder')
+    assert not graph.CELL_VIEWER.services
+
+
+def test_what_is_drawn_of_the_truth_is_concealed_with_it():
+    assert graph.TRUTH_MARKERS.name.startswith('truth/')
+
+
+def test_a_scenario_can_leave_the_viewer_out():
+    off = scenario_of(tasks=(1,), viewer=SimpleNamespace(on=False))
+    assert set(graph.cell_of(TASKED)) - set(graph.cell_of(off)) == {'cell_viewer'}
 
 
 def test_the_recorder_waits_for_everybody_who_speaks():
@@ -123,7 +144,7 @@ def test_an_unknown_node_is_a_bug():
 
 def scenario_of(**given):
     return SimpleNamespace(**({'moves': (), 'tasks': (), 'feedback': 'em', 'estimators': (),
-                               'procedure': None}
+                               'procedure': None, 'viewer': SimpleNamespace(on=True)}
                               | given))
 
 

@@ -45,8 +45,11 @@ out_option = click.option('--out', type=click.Path(), metavar='FOLDER',
 @click.option('--watch', is_flag=True,
               help='Also run tissue_model and mismatch_monitor: which channel departs from the '
                    "model is on /diagnostics and among the report's outcomes.")
+@click.option('--viewer/--no-viewer', default=True,
+              help='Node cell_viewer draws the cell for Foxglove and RViz; it adds about a tenth '
+                   'to the bag. Default: as the scenario says, which is yes.')
 @json_option
-def run(scenario, out, speed_limit, watch, json_file):
+def run(scenario, out, speed_limit, watch, viewer, json_file):
     """Start the graph of a SCENARIO, record it, evaluate it.
 
     \b
@@ -59,7 +62,7 @@ def run(scenario, out, speed_limit, watch, json_file):
         _build(cell, 'plant', 'model')
         cells.build_actuators(cell, cell.scenario.actuators)
     processes = launcher.cell_processes(cell, cell.path, folder / RUN_BAG, speed_limit=speed_limit,
-                                        watch=watch)
+                                        watch=watch, viewer=viewer)
     leader = graph.CELL_CLOCK if cell.scenario.pace == 'lockstep' \
         else graph.conductor_of(cell.scenario)
     said = _launch(processes, leader.name, folder, cell.scenario.name)

@@ -13,7 +13,8 @@ class ForceSensorNode(Node):
     """Convert, sample, convert back.
 
     in   truth/points        BodyPoints
-    out  force/<pad>/wrench  WrenchStamped  tissue on pad, base frame, about the disc's centre
+    out  force/<pad>/wrench  WrenchStamped  tissue on pad, about the disc's centre, in the frame
+                                            of the pad: axes of the base
     par  scenario, and every quantity of ForceSensorParams
     """
 
@@ -38,7 +39,7 @@ class ForceSensorNode(Node):
             for sample in cell.force_samples(self._sensor, self._feed, convert.reading(msg)):
                 self._samples += 1
                 self._saturated += bool(sample.saturated)
-                self._pubs[sample.pad](convert.wrench(self._frame, sample))
+                self._pubs[sample.pad](convert.wrench(sample.pad, sample))
         self._health.beat(t_ns, lambda: {'samples': self._samples, 'saturated': self._saturated})
 
 

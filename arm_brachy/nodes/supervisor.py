@@ -59,7 +59,8 @@ class SupervisorNode(Node):
     @staticmethod
     def _watched(peers):
         """Nodes whose silence is a hold."""
-        return set(peers) - {graph.SUPERVISOR.name, graph.CELL_CLOCK.name, graph.RECORDER.name}
+        return set(peers) - {graph.SUPERVISOR.name, graph.CELL_CLOCK.name, graph.RECORDER.name,
+                             graph.CELL_VIEWER.name}
 
     def _on_alive(self, msg):
         self._heard[msg.node] = time.monotonic()

@@ -24,7 +24,7 @@ from arm_brachy.robot.inverse_kinematics import inverse_kinematics
 from arm_brachy.robot.probe_holder import HolderState
 from arm_brachy.robot.reference import lead_limits, rotation
 from arm_brachy.robot.rigid_body import Arm, Payload
-from arm_brachy.robot.simulation import JOINT_NAMES, ArmSimulation
+from arm_brachy.robot.simulation import ArmSimulation
 from arm_brachy.robot.switched import SwitchedGains
 
 PERIOD = 1e-3                                            # s, of the Franka Control Interface
@@ -46,7 +46,7 @@ def tool_of(params):
 class PandaHolder:
     """Face: probe_holder.ProbeHolder. Starts at rest at home, the tool weighed."""
 
-    joint_names = JOINT_NAMES
+    joint_names = panda.JOINT_NAMES
 
     def __init__(self, params, rng):
         """params : ProbeArmParams;  rng : numpy Generator, for the sensor

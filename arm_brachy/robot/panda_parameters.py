@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 JOINTS = 7
+JOINT_NAMES = tuple(f'panda_joint{i + 1}' for i in range(JOINTS))
 RIGHT_ANGLE = np.pi / 2
 
 # Modified (Craig) Denavit-Hartenberg: a, alpha of the link before, d of the joint. m, rad.

@@ -11,7 +11,6 @@ from arm_brachy.robot import panda_parameters as panda
 from arm_brachy.robot.friction import joint_friction
 from arm_brachy.robot.urdf import panda_urdf
 
-JOINT_NAMES = tuple(f'panda_joint{i + 1}' for i in range(panda.JOINTS))
 TIP_LINK = panda.JOINTS      # PyBullet's number of the fixed link that carries the end effector
 
 
@@ -34,7 +33,7 @@ class ArmSimulation:
         self._bullet.setTimeStep(period)
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / 'panda.urdf'
-            file.write_text(panda_urdf(arm, JOINT_NAMES), encoding='utf-8')
+            file.write_text(panda_urdf(arm, panda.JOINT_NAMES), encoding='utf-8')
             # Without the flag PyBullet computes inertias of its own from collision shapes.
             self._body = self._bullet.loadURDF(str(file), useFixedBase=True,
                                                flags=pybullet.URDF_USE_INERTIA_FROM_FILE)

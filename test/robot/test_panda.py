@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from arm_brachy.robot import panda_parameters as panda
 from arm_brachy.robot.friction import joint_friction
 from arm_brachy.robot.rigid_body import Arm, Payload
-from arm_brachy.robot.simulation import JOINT_NAMES, ArmSimulation
+from arm_brachy.robot.simulation import ArmSimulation
 from arm_brachy.robot.urdf import panda_urdf
 
 STEP = 1e-6
@@ -152,8 +152,8 @@ def test_friction_opposes_motion_and_saturates():
 
 
 def test_the_urdf_names_every_joint_and_weighs_what_the_arm_does(arm):
-    robot = ElementTree.fromstring(panda_urdf(arm, JOINT_NAMES))
-    assert [j.get('name') for j in robot.iter('joint')][:7] == list(JOINT_NAMES)
+    robot = ElementTree.fromstring(panda_urdf(arm, panda.JOINT_NAMES))
+    assert [j.get('name') for j in robot.iter('joint')][:7] == list(panda.JOINT_NAMES)
     weights = [float(m.get('value')) for m in robot.iter('mass')]
     assert np.isclose(sum(weights[1:]), arm.mass.sum())
 

@@ -1,16 +1,18 @@
 """The whole graph, once: what it records, that nothing is lost, that load changes no bit."""
 
 import subprocess
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import zstandard
 from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from arm_brachy import graph
 from arm_brachy.offline import load_run, recorded_cell
-from arm_brachy.recording.reader import BagReader, payload_hashes
+from arm_brachy.recording.reader import BagReader, payload_hashes, stamp_ns
 from arm_brachy.scenario import load_cell
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -88,7 +90,7 @@ def test_controllers_and_sensors_never_hear_the_truth():
     """Only the plant's own devices, recorder and evaluation subscribe to truth/..."""
     allowed = {'actuator_driver', 'tissue_simulator', 'em_tracker', 'optical_tracker',
                'force_sensor', 'recorder', 'needle_driver', 'probe_controller',
-               'ultrasound_imager', 'surface_scanner'}
+               'ultrasound_imager', 'surface_scanner', 'cell_viewer'}
     for node in graph.NODES:
         if any(t.name.startswith('truth/') for t in node.subscribes):
             assert node.name in allowed
@@ -105,3 +107,73 @@ def test_load_changes_no_bit_of_what_is_recorded(quiet_run, loaded_run):
     quiet, loaded = (payload_hashes(r / 'bag') for r in (quiet_run[0], loaded_run))
     assert quiet == loaded
     assert len(quiet) > 20
+
+
+VIEWER = ('/cell/markers', '/truth/markers', '/tf', '/tf_static', '/joint_states',
+          '/robot_description')
+
+
+def test_the_cell_is_drawn_five_times_a_second_in_small_messages(bag):
+    with BagReader(bag) as reader:
+        for topic in ('/cell/markers', '/truth/markers'):
+            drawn = list(reader.records([topic]))
+            after_the_first = [r.log_time_ns for r in drawn[1:]]
+            assert np.allclose(np.diff(after_the_first), 0.2e9)
+            assert max(len(r.data) for r in drawn) < 60_000
+        surfaces = [m for _, msg in reader.messages(['/truth/markers']) for m in msg.markers
+                    if m.ns == 'true tissue']
+    assert len(surfaces) == len(drawn) and len(surfaces[0].colors) == len(surfaces[0].points)
+    assert any(a.x != b.x for a, b in zip(surfaces[0].points, surfaces[-1].points, strict=True))
+
+
+def test_what_viewers_are_given_takes_a_tenth_of_the_bag(bag):
+    """As it lies on disk: the drawings repeat themselves, and chunks are compressed."""
+    with BagReader(bag) as reader:
+        data = b''.join(r.data for r in reader.records(VIEWER))
+    packed = len(zstandard.compress(data))
+    assert packed < 0.1 * next(bag.glob('*.mcap')).stat().st_size
+
+
+def test_every_frame_that_data_are_in_is_known_in_time(bag):
+    """A viewer looks up a wrench's frame at the wrench's stamp: /tf must have come that far."""
+    moved, early = {}, []
+    with BagReader(bag) as reader:
+        still = {t.child_frame_id for _, msg in reader.messages(['/tf_static'])
+                 for t in msg.transforms}
+        for record, msg in reader.messages():
+            for t in getattr(msg, 'transforms', ()):
+                moved.setdefault(t.child_frame_id, []).append(
+                    (record.log_time_ns, stamp_ns(t)))
+        for record, msg in reader.messages():
+            frame = getattr(getattr(msg, 'header', None), 'frame_id', '')
+            if frame in ('', 'cell_base') or frame in still:
+                continue
+            known = [stamp for when, stamp in moved[frame] if when <= record.log_time_ns]
+            if max(known) < stamp_ns(msg):
+                early.append((record.topic, record.log_time_ns))
+    assert {'pad_1', 'pad_2', 'pad_3', 'pad_4', 'em_target_1'} <= set(moved)
+    assert still >= {'em_tracker', 'optical_tracker'} and not early
+
+
+def test_a_force_arrow_begins_at_the_origin_of_its_pads_frame(bag):
+    with BagReader(bag) as reader:
+        frames = {stamp_ns(t): t.transform.translation for _, msg in reader.messages(['/tf'])
+                  for t in msg.transforms if t.child_frame_id == 'pad_1'}
+        checked = 0
+        for _, msg in reader.messages(['/cell/markers']):
+            for arrow in (m for m in msg.markers if m.ns == 'pad forces'):
+                where = frames[stamp_ns(arrow)]
+                start = arrow.points[0]
+                if abs(start.x - where.x) < 0.04 and start.x > 0.03:     # of the four, pad_1's
+                    assert np.allclose([start.x, start.y, start.z], [where.x, where.y, where.z],
+                                       atol=2e-5)
+                    checked += 1
+    assert checked > 10
+
+
+def test_joints_are_those_of_the_robot_model(bag):
+    with BagReader(bag) as reader:
+        (_, urdf), = reader.messages(['/robot_description'])
+        names = {n for _, msg in reader.messages(['/joint_states']) for n in msg.name}
+    joints = {j.get('name') for j in ElementTree.fromstring(urdf.data).findall('joint')}
+    assert names == joints == {'pad_1', 'pad_2', 'pad_3', 'pad_4'}
