@@ -54,7 +54,8 @@ setup(
     license='MIT',
     python_requires='>=3.11',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['**/*.html', '**/*.j2', '**/*.css', '**/*.md', '**/*.npz', '**/*.csv']},
+    package_data={NAME: ['**/*.html', '**/*.j2', '**/*.css', '**/*.js', '**/*.md', '**/*.npz',
+                         '**/*.csv']},
     data_files=shared_files(),
     # What the package needs besides ROS is in package.xml; the versions it was tested with are
     # in requirements.txt.

@@ -350,7 +350,7 @@ def with_scene(run, scene):
     different names.
     """
     directions = cells.pad_directions(scene)
-    pads = tuple(PadMark(p.name, np.array(p.centre), d)
+    pads = tuple(PadMark(p.name, np.array(p.centre), d, p.radius)
                  for p, d in zip(scene.pads, directions, strict=True))
     order = [p.name for p in pads if p.name in run.force_pads]
     force = run.force

@@ -11,7 +11,7 @@ NUMERICAL = {
     'tissue': {'core'},
     'devices': {'core'},
     'recording': {'core'},
-    'evaluation': {'core'},
+    'evaluation': {'core', 'viewing'},
     'control': {'core', 'tissue'},
     'estimation': {'core', 'tissue'},
     'robot': {'core'},
@@ -21,8 +21,8 @@ NUMERICAL = {
 # Of these, each may import all numerical parts and whatever stands before it.
 COMPOSITION = (
     'scenario', 'provenance', 'graph', 'cell', 'offline_procedure', 'offline', 'inprocess_log',
-    'inprocess_probe', 'inprocess', 'diagnosis', 'evaluate', 'launcher', 'experiments', 'prove',
-    'cli', '__main__',
+    'inprocess_probe', 'inprocess', 'diagnosis', 'evaluate', 'view', 'launcher', 'experiments',
+    'prove', 'cli', '__main__',
 )
 ALLOWED = {
     '__init__': set(),

@@ -18,6 +18,7 @@ COMMANDS = {  # name -> (module:object, first line of its help)
     'replay': ('run:replay', 'Feed a recording back to live nodes and evaluate what they say.'),
     'evaluate': ('run:evaluate',
                  'Metrics of a recording as a table, as JSON and as an HTML report.'),
+    'view': ('view:view', 'Show a BAG in the browser: body, forces, pictures, curves over time.'),
     'diagnose': ('diagnose:diagnose',
                  'Say where BAGs differ from their model and what physics is missing.'),
     'prove': ('prove:prove', 'Put the diagnosis to a sealed blind trial and score it.'),

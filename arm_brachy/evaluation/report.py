@@ -15,9 +15,12 @@ from arm_brachy.evaluation.page import (
     write_page,
 )
 from arm_brachy.evaluation.procedure_metrics import procedure_row
+from arm_brachy.evaluation.replay import run_film
 from arm_brachy.evaluation.result import cell_text
+from arm_brachy.viewing.page import film_block
 
 MM = 1e3
+FILM_FRAMES, LEAST_FRAMES = 300, 2    # a page of one to three MB
 
 TASK_COLUMNS = (
     Column('Task', numeric=False), Column('Loop', numeric=False), Column('Duration', 's'),
@@ -63,7 +66,18 @@ def write_report(run, numbers, out_html):
         estimates=_estimate_grid(run, numbers), plates=pictures(plates(run, numbers)),
         goals=_goal_grid(numbers.targets), topics=_topic_grid(run, numbers),
         outcomes=_outcome_grid(run.outcomes), provenance=provenance(run), command=run.command,
-        scenario=run.scenario)
+        scenario=run.scenario, **_film(run))
+
+
+def _film(run):
+    """The run as a film, and what its layers are; empty where too little was recorded."""
+    film = run_film(run, FILM_FRAMES)
+    if len(film) < LEAST_FRAMES:
+        return {'film': '', 'film_note': ''}
+    return {'film': film_block('film', film.text()), 'film_note': (
+        'Layers that begin with "true" are the simulated plant, which no sensor of the cell sees; '
+        'all others are what the cell measured, estimated or wanted.' if run.truth else
+        'All layers are what was measured, estimated or wanted.')}
 
 
 def plates(run, numbers):

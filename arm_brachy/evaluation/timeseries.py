@@ -144,11 +144,15 @@ class Tissue:
 
 @dataclass(frozen=True)
 class PadMark:
-    """Where a pad sits at rest: centre (3,) [m], direction (3,) unit vector into the tissue."""
+    """Where a pad sits at rest: centre (3,) [m], direction (3,) unit vector into the tissue.
+
+    radius : [m] of its disc, as large as a scene has it unless it says otherwise
+    """
 
     name: str
     centre: np.ndarray
     direction: np.ndarray
+    radius: float = 8e-3
 
 
 @dataclass(frozen=True)

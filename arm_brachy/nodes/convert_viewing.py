@@ -44,8 +44,12 @@ def _marker(header, shape, number, shades):
         msg.pose, msg.scale = _pose(shape.axes, points[0]), Vector3(x=size, y=size, z=size)
     else:
         msg.points, msg.scale = _points(points), _scale(shape.kind, size)
-    if shape.shades is not None:
-        msg.colors = _shaded(shape.shades, float(shape.colour[3]), shades)
+    if shape.triangles is not None:      # a list of triangles names every corner anew
+        corners = shape.triangles.ravel().tolist()
+        msg.points = [msg.points[k] for k in corners]
+        if shape.shades is not None:
+            colours = _shaded(shape.shades, float(shape.colour[3]), shades)
+            msg.colors = [colours[k] for k in corners]
     return msg
 
 
@@ -58,10 +62,7 @@ def _scale(kind, size):
 
 
 def _points(points):
-    """One Point per place: corners that triangles share are made once."""
-    made = {}
-    return [made.get(p) or made.setdefault(p, Point(x=p[0], y=p[1], z=p[2]))
-            for p in map(tuple, points.tolist())]
+    return [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
 
 
 def _colour(rgba):

@@ -126,9 +126,8 @@ def tissue(layer, stage, surface):
     """A surface coloured by displacement. surface : (ThinSurface, x (n, 3) [m])."""
     thin, x = surface
     corners, moved = thin.shape(x)
-    return Shape(layer, Kind.TRIANGLES, corners[thin.triangles].reshape(-1, 3),
-                 (1.0, 1.0, 1.0, SEE_THROUGH),
-                 shades=moved[thin.triangles].ravel() / stage.full_colour)
+    return Shape(layer, Kind.TRIANGLES, corners, (1.0, 1.0, 1.0, SEE_THROUGH),
+                 triangles=thin.triangles, shades=moved / stage.full_colour)
 
 
 def frame_along(axis):
@@ -201,5 +200,6 @@ def _instruments(stage, seen):
 def _plane(R, p, width, depth):
     """The image: x along the elements, z deep, as a rectangle of two triangles."""
     side, deep = 0.5 * width * R[:, 0], depth * R[:, 2]
-    a, b, c, d = p - side, p + side, p + side + deep, p - side + deep
-    return Shape('image plane', Kind.TRIANGLES, np.array([a, b, c, a, c, d]), PLANE)
+    corners = np.array([p - side, p + side, p + side + deep, p - side + deep])
+    return Shape('image plane', Kind.TRIANGLES, corners, PLANE,
+                 triangles=np.array([[0, 1, 2], [0, 2, 3]]))

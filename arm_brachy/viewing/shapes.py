@@ -19,7 +19,7 @@ SHADES = 32
 class Kind(Enum):
     """How the points of a Shape are meant."""
 
-    TRIANGLES = 'triangles'   # corners, three a triangle
+    TRIANGLES = 'triangles'   # corners, joined by `triangles`
     SPHERES = 'spheres'       # centres; size = diameter
     DOTS = 'dots'             # centres; size = side of a square on the screen
     LINE = 'line'             # through all points; size = width
@@ -36,6 +36,7 @@ class Shape:
 
     layer : what it belongs to; viewers show and hide by it
     points : (k, 3) [m];  size : [m];  colour : r g b a in 0 to 1
+    triangles : (f, 3) of TRIANGLES: their corners among the points
     shades : (k,) in 0 to 1, of TRIANGLES: place of each corner in `palette()`, None = colour
     axes : (3, 3), scale : (3,) [m], of DISC, ELLIPSOID and BOX
     """
@@ -45,6 +46,7 @@ class Shape:
     points: np.ndarray
     colour: tuple
     size: float = 0.0
+    triangles: np.ndarray | None = None
     shades: np.ndarray | None = None
     axes: np.ndarray = field(default_factory=lambda: np.eye(3))
     scale: tuple = (0.0, 0.0, 0.0)

@@ -54,8 +54,8 @@ def test_colour_of_the_tissue_is_its_displacement():
     moved = nodes + np.array([[0.0, 0, 0], [0.005, 0, 0], [0, 0, 0], [0, 0.01, 0]])
     shape = only(draw(STAGE, Seen(surface=(thinned(nodes, faces, 9), moved),
                                   surface_from='map')), Kind.TRIANGLES)
-    assert shape.layer == 'tissue by map' and len(shape.points) == 3 * len(faces)
-    assert np.allclose(shape.shades, np.array([0.0, 0.5, 0.0, 1.0])[faces.ravel()])
+    assert shape.layer == 'tissue by map' and np.array_equal(shape.triangles, faces)
+    assert np.allclose(shape.points, moved) and np.allclose(shape.shades, [0.0, 0.5, 0.0, 1.0])
 
 
 def test_only_what_is_called_true_is_true():

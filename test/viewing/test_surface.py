@@ -47,3 +47,14 @@ def test_it_moves_with_the_nodes(ball):
     thin = thinned(nodes, faces, MOST)
     corners, moved = thin.shape(nodes + [0.0, 0.003, 0.004])
     assert np.allclose(moved, 0.005) and np.allclose(corners - thin.rest, [0.0, 0.003, 0.004])
+
+
+def test_a_sharp_rim_stays():
+    """A flat base keeps its outline: of the nodes of a cell the one on the edge is drawn."""
+    tin = trimesh.creation.cylinder(radius=0.05, height=0.04, sections=64)
+    fine = tin.subdivide().subdivide()
+    thin = thinned(np.array(fine.vertices), np.array(fine.faces), MOST)
+    low = thin.rest[np.isclose(thin.rest[:, 2], -0.02)]
+    rim = np.isclose(np.linalg.norm(low[:, :2], axis=1), 0.05, atol=1e-3)
+    assert rim.sum() > 12
+    assert trimesh.Trimesh(thin.rest, thin.triangles).volume == pytest.approx(tin.volume, rel=0.06)

@@ -1,0 +1,69 @@
+// The page of `arm-brachy view`: a film with the picture and the curves of the same instant, or
+// the live cell, whose shapes come one frame at a time. Needs stage.js.
+'use strict';
+
+const INKS = ['#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#22303c'];
+
+class Curves {                     // lines over time, with a mark at the instant that is shown
+  constructor(root, plot) {
+    this.plot = plot; this.t = 0;
+    const figure = document.createElement('figure');
+    figure.innerHTML = '<figcaption></figcaption><canvas></canvas><div class="names"></div>';
+    figure.querySelector('figcaption').textContent = plot.title;
+    this.canvas = figure.querySelector('canvas'); this.names = figure.querySelector('.names');
+    root.append(figure); this.name();
+    new ResizeObserver(() => this.draw()).observe(this.canvas);
+  }
+  name() {
+    this.names.replaceChildren(...this.plot.lines.map((line, i) => {
+      const tag = document.createElement('span');
+      tag.style.color = INKS[i % INKS.length]; tag.textContent = line.name; return tag; }));
+  }
+  draw() {
+    const c = this.canvas, ratio = window.devicePixelRatio || 1, ink = c.getContext('2d');
+    c.width = c.clientWidth * ratio; c.height = c.clientHeight * ratio;
+    const all = this.plot.lines.flatMap(l => l.y).filter(v => v !== null);
+    const times = this.plot.lines.flatMap(l => l.t.length ? [l.t[0], l.t[l.t.length - 1]] : []);
+    if (!all.length) return;
+    const low = Math.min(0, all.reduce((a, b) => Math.min(a, b))), left = 40 * ratio;
+    const high = all.reduce((a, b) => Math.max(a, b), low + 1e-9);
+    const t0 = Math.min(...times), t1 = Math.max(...times, t0 + 1e-9), foot = c.height - 16 * ratio;
+    const x = t => left + (t - t0) / (t1 - t0) * (c.width - left - 4 * ratio);
+    const y = v => foot - (v - low) / (high - low) * (foot - 6 * ratio);
+    ink.font = `${11 * ratio}px system-ui, sans-serif`; ink.fillStyle = '#5b6975';
+    ink.textAlign = 'right';
+    for (const v of [low, high]) ink.fillText(v.toPrecision(2), left - 4 * ratio, y(v) + 4 * ratio);
+    ink.textAlign = 'left'; ink.fillText(`${t0.toFixed(0)} s`, left, c.height - 3 * ratio);
+    ink.textAlign = 'right'; ink.fillText(`${t1.toFixed(0)} s`, c.width - 4 * ratio, c.height - 3 * ratio);
+    ink.strokeStyle = '#dde3e8'; ink.strokeRect(left, 4 * ratio, c.width - left - 4 * ratio, foot - 4 * ratio);
+    this.plot.lines.forEach((line, i) => {
+      ink.strokeStyle = INKS[i % INKS.length]; ink.lineWidth = 1.3 * ratio; ink.beginPath();
+      let drawn = false;
+      line.t.forEach((t, k) => {
+        if (line.y[k] === null) { drawn = false; return; }
+        if (drawn) ink.lineTo(x(t), y(line.y[k])); else ink.moveTo(x(t), y(line.y[k]));
+        drawn = true; });
+      ink.stroke(); });
+    ink.strokeStyle = '#22303c'; ink.lineWidth = ratio; ink.beginPath();
+    ink.moveTo(x(this.t), 4 * ratio); ink.lineTo(x(this.t), foot); ink.stroke();
+  }
+  at(t) { this.t = t; this.draw(); }
+}
+
+function picture(image, figure, has) {   // the newest instant asked for; those overtaken are left out
+  let busy = false, wanted = null;
+  const ask = t => { if (busy) { wanted = t; return; } busy = true; image.src = `/picture?t=${t}`; };
+  const over = () => { busy = false; if (wanted !== null) { const t = wanted; wanted = null; ask(t); } };
+  image.addEventListener('load', over); image.addEventListener('error', over);
+  if (!has) figure.remove();
+  return has ? ask : () => {};
+}
+
+function openView(data) {
+  const curves = data.plots.map(plot => new Curves(document.querySelector('aside'), plot));
+  const look = picture(document.querySelector('#picture img'), document.querySelector('#picture'),
+                       data.pictures);
+  const hear = t => { for (const c of curves) c.at(t); look(t); };
+  window.view = playFilm(document.querySelector('.stage'), data, hear);
+  return {view: window.view, curves, look};
+}
