@@ -5,8 +5,8 @@
 const INKS = ['#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#22303c'];
 
 class Curves {                     // lines over time, with a mark at the instant that is shown
-  constructor(root, plot) {
-    this.plot = plot; this.t = 0;
+  constructor(root, plot, span) {   // span : [s, s] of the whole, the same for all curves
+    this.plot = plot; this.t = 0; this.span = span;
     const figure = document.createElement('figure');
     figure.innerHTML = '<figcaption></figcaption><canvas></canvas><div class="names"></div>';
     figure.querySelector('figcaption').textContent = plot.title;
@@ -23,11 +23,10 @@ class Curves {                     // lines over time, with a mark at the instan
     const c = this.canvas, ratio = window.devicePixelRatio || 1, ink = c.getContext('2d');
     c.width = c.clientWidth * ratio; c.height = c.clientHeight * ratio;
     const all = this.plot.lines.flatMap(l => l.y).filter(v => v !== null);
-    const times = this.plot.lines.flatMap(l => l.t.length ? [l.t[0], l.t[l.t.length - 1]] : []);
     if (!all.length) return;
     const low = Math.min(0, all.reduce((a, b) => Math.min(a, b))), left = 40 * ratio;
     const high = all.reduce((a, b) => Math.max(a, b), low + 1e-9);
-    const t0 = Math.min(...times), t1 = Math.max(...times, t0 + 1e-9), foot = c.height - 16 * ratio;
+    const t0 = this.span[0], t1 = Math.max(this.span[1], t0 + 1e-9), foot = c.height - 16 * ratio;
     const x = t => left + (t - t0) / (t1 - t0) * (c.width - left - 4 * ratio);
     const y = v => foot - (v - low) / (high - low) * (foot - 6 * ratio);
     ink.font = `${11 * ratio}px system-ui, sans-serif`; ink.fillStyle = '#5b6975';
@@ -60,7 +59,8 @@ function picture(image, figure, has) {   // the newest instant asked for; those 
 }
 
 function openView(data) {
-  const curves = data.plots.map(plot => new Curves(document.querySelector('aside'), plot));
+  const times = data.frames.map(frame => frame[0]), aside = document.querySelector('aside');
+  const curves = data.plots.map(plot => new Curves(aside, plot, [times[0], times[times.length - 1]]));
   const look = picture(document.querySelector('#picture img'), document.querySelector('#picture'),
                        data.pictures);
   const hear = t => { for (const c of curves) c.at(t); look(t); };
