@@ -15,7 +15,7 @@ from arm_brachy.viewing.server import PageServer
               help='Of this machine, 127.0.0.1; default: a free one.')
 @click.option('--browser/--no-browser', default=True, help='Open the page. Default: yes.')
 def view(bag, port, browser):
-    """Show a BAG in the browser: tissue, pads, targets, forces, pictures, curves over time.
+    """Show a BAG in the browser: body, forces, pictures, curves over time.
 
     The page is served to this machine alone and asks nobody else for anything. Ctrl-C ends it.
 
