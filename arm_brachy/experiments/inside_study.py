@@ -17,7 +17,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from arm_brachy.core.paths import run_dir
-from arm_brachy.experiments import inside_estimators, inside_plants
+from arm_brachy.experiments import (
+    inside_estimators,
+    inside_measurements,
+    inside_plants,
+    kept_scores,
+)
 from arm_brachy.experiments.inside_measurements import session
 from arm_brachy.experiments.parallel import process_pool
 
@@ -27,7 +32,8 @@ SEEDS = 20
 # only (Fig. 4.4 b); ours is every second one, spread over all of the surface.
 MARKER_SETS = {19: slice(None), 10: slice(None, None, 2)}
 INSIDE_95 = float(chi2.ppf(0.95, 3))   # squared Mahalanobis distance of the 95 % ellipsoid
-CACHE = 'inside-plants'   # folder beside that of the result, shared by all of these experiments
+# folders beside that of the result, shared by all of these experiments: plants, and Scores
+CACHE, KEPT = 'inside-plants', 'inside-scores'
 
 
 @dataclass(frozen=True)
@@ -50,26 +56,45 @@ def run(folder, names=None, *, plants=tuple(inside_plants.PLANTS), sets=tuple(MA
         seeds=SEEDS, groups=inside_plants.GROUPS):
     """Score estimators; returns {(estimator, number of markers, plant): Scores}.
 
-    folder : of the result; solutions of the plants are kept in `inside-plants` beside it
+    folder : of the result; solutions of the plants are kept in `inside-plants` beside it, scores
+        in `inside-scores`, which hold as long as nothing changes that they depend on
     names : of inside_estimators.ESTIMATORS, all by default;  groups : of pads that push together
     """
     names = [e.name for e in inside_estimators.ESTIMATORS] if names is None else list(names)
     solved = {plant: tuple(push for push in pushes if push.pads in groups) for plant, pushes in
               inside_plants.plants(Path(folder).parent / CACHE, plants).items()}
+    kept = {(name, count, plant): Path(folder).parent / KEPT / _file(
+        name, count, plant, solved[plant], seeds) for name in names for count in sets
+        for plant in plants}
+    done = {case: found for case, path in kept.items()
+            if (found := kept_scores.read(path, Scores)) is not None}
     jobs = [(name, count, part) for name in names for count in sets for part in (
-        [(plant,) for plant in plants] if inside_estimators.entry(name).memory else [plants])]
-    done = {}
-    with process_pool(len(jobs)) as pool:
+        [(plant,) for plant in plants] if inside_estimators.entry(name).memory else [plants])
+        if any((name, count, plant) not in done for plant in part)]
+    print(f'{len(done)} of {len(kept)} scores are kept from before', file=sys.stderr)
+    with process_pool(max(len(jobs), 1)) as pool:
         futures = {pool.submit(scores_of, name, count, {p: solved[p] for p in part}, seeds):
                    (name, count) for name, count, part in jobs}
         for i, future in enumerate(as_completed(futures)):
             name, count = futures[future]
             for plant, found in future.result().items():
                 done[name, count, plant] = found
+                kept_scores.write(kept[name, count, plant], found)
                 print(f'{i + 1} of {len(jobs)}: {name}, {count} markers, plant {plant}: '
                       f'{1e3 * np.nanmean(found.error):.3f} mm', file=sys.stderr)
     return {(name, count, plant): done[name, count, plant]
             for name in names for count in sets for plant in plants}
+
+
+def _file(name, count, plant, pushes, seeds):
+    """Name of the file in which a job's Scores are kept."""
+    entry = inside_estimators.entry(name)
+    modules, own = (entry.build.__module__, inside_measurements.__name__), Path(__file__)
+    pushed = [(push.pads, push.q.tobytes(), push.markers.tobytes(), push.targets.tobytes())
+              for push in pushes]
+    said = kept_scores.key(modules, own.read_text(encoding='utf-8'),
+                           entry.params, count, seeds, pushed)
+    return f'{name}-{count}-{plant}-{said}.npz'
 
 
 def score(name, count, plant, pushes, seeds):
