@@ -35,6 +35,7 @@ from arm_brachy.estimation.marker_motion import MarkerMotion
 from arm_brachy.robot.panda_parameters import JOINT_NAMES
 from arm_brachy.robot.reference import rotation
 from arm_brachy.robot.rigid_body import Arm, frames
+from arm_brachy.robot.scissor_place import linkage_line
 from arm_brachy.robot.template import ImageGeometry, Template
 from arm_brachy.tissue.build import build_body, build_pad, load_scene_mesh, placement_mesh
 from arm_brachy.tissue.contact_poses import ridden
@@ -372,7 +373,13 @@ def build_probe_arm(cell):
 
 
 def arm_line(cell, q):
-    """Return (8, 3) [m] of the arm that holds the probe in W: base, then its joints at q (7,)."""
+    """Return (k, 3) [m] of what holds the probe in W, from joint to joint.
+
+    q : of the joints. The Panda from its base on; of the linkage both branches
+    """
+    params = cell.scenario.probe
+    if params.probe_holder == 'scissor_rcm':
+        return linkage_line(params.scissor_rcm, q)
     R_WB, p_WB = arm_base(cell)
     joints = np.vstack([np.zeros(3), frames(Arm.panda().dh, np.asarray(q, dtype=float))[1]])
     return p_WB + joints @ R_WB.T

@@ -11,6 +11,7 @@ from arm_brachy.evaluation.procedure_data import ArmPicture, Frame, ProcedureDat
 from arm_brachy.evaluation.timeseries import Series
 
 FRAME_EVERY = 1.0   # s between pictures that are kept
+TURNING = 3         # joints of the scissor linkage that turn; the fourth is a stage
 
 
 def _xyz(p):
@@ -113,7 +114,15 @@ def with_instruments(data, cell):
     scenario = cell.scenario
     return replace(data, target=scenario.procedure.target, overlay=scenario.procedure.overlay,
                    strategy=scenario.probe.strategy, control=scenario.probe.control,
-                   picture=_picture(data, cell))
+                   picture=_picture(data, cell), **_turning(data, cell))
+
+
+def _turning(data, cell):
+    """Joints and torques of what turns alone: metres and newtons of a stage do not add to them."""
+    if cell.scenario.probe.probe_holder == 'panda':
+        return {}
+    return {name: replace(series, values=series.values[:, :TURNING]) for name, series in
+            (('joints', data.joints), ('torque', data.torque)) if series is not None}
 
 
 def _picture(data, cell):

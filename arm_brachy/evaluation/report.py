@@ -222,7 +222,7 @@ def _procedure_grid(numbers):
         'image less the true one; distance from the axis of the hole and from the plan, at the '
         'end. Tip to target, and target to its goal: means over the dwell. Force: of every period '
         'of the controller, less its goal, once it has come within 0.3 N of it. Torque: mean norm '
-        'over the seven joints.'))
+        'over the joints that turn.'))
 
 
 def _named(key):

@@ -8,16 +8,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from matplotlib.image import imsave
 from pymoo.algorithms.moo.nsga2 import RankAndCrowdingSurvival
 from pymoo.core.mixed import MixedVariableGA
 from pymoo.core.problem import ElementwiseProblem
 from pymoo.core.variable import Choice, Integer, Real
 from pymoo.optimize import minimize
 
-from arm_brachy.core.paths import share_dir
+from arm_brachy.core.paths import config_dir, share_dir
 from arm_brachy.evaluation.result import Result, Target, commit_of, machine_description
 from arm_brachy.evaluation.style import GOAL, INK, OURS, SERIES, THEIRS, Plate, new_figure, styled
 from arm_brachy.experiments import scissor_frame
+from arm_brachy.robot.scissor_drawing import ScissorDrawing
+from arm_brachy.robot.scissor_place import base_axes
 from arm_brachy.robot.scissor_rcm import (
     MEASURES,
     RIGHT_ANGLE,
@@ -36,6 +39,9 @@ from arm_brachy.robot.scissor_stiffness import (
     thesis_stiffness,
     torsional_spring,
 )
+from arm_brachy.scenario import load_cell
+from arm_brachy.tissue.build import load_scene_mesh
+from arm_brachy.tissue.mesh import surface_triangles
 
 NAME = 'appendix-a'
 SEED = 3
@@ -46,6 +52,10 @@ BENDING = np.radians(1.0)   # of every link, for the closure of flexible stages
 # Pa, kg/m3; isotropic ones, for which the formulas hold
 MATERIALS = {'aluminium': (70e9, 2700.0), 'steel': (200e9, 7850.0), 'titanium': (114e9, 4430.0)}
 POPULATION, GENERATIONS = 24, 16
+HOLDER = 'probe_scissor'    # the scenario whose linkage is drawn over its body
+# rad, rad, rad, m: theta_0, theta_1, spin and advance of that drawing, the probe on the skin
+DRAWN = (np.radians(25.0), np.radians(46.0), np.radians(-100.0), 0.182)
+PIXELS = (960, 720)
 
 
 def design(links, **changed):
@@ -87,6 +97,7 @@ def reproduce(out_dir):
     result.to_json(out_dir / f'{NAME}.json')
     figure(table, front).save(out_dir / f'{NAME}.png')
     picture(prototype).save(out_dir / f'{NAME}-linkage.png')
+    imsave(out_dir / f'{NAME}-holder.png', holder_picture())
     return result
 
 
@@ -181,6 +192,16 @@ def pareto_front():
              'stiffness_N_m': -float(f[0]), 'gci_polar': -float(f[1])}
             for x, f in zip(found.X, found.F, strict=True)]
     return sorted(rows, key=lambda row: row['stiffness_N_m'])
+
+
+def holder_picture():
+    """Return (height, width, 3) uint8 of linkage, stage and probe over the body of HOLDER."""
+    cell = load_cell(config_dir() / 'scenarios' / f'{HOLDER}.yaml')
+    own, mesh = cell.scenario.probe.scissor_rcm, load_scene_mesh(cell.model)
+    drawing = ScissorDrawing(own, base_axes(own.axis), own.centre)
+    out = drawing.picture(DRAWN, *PIXELS, (mesh.nodes, surface_triangles(mesh)))
+    drawing.close()
+    return out
 
 
 @styled

@@ -6,7 +6,7 @@ nothing else: elements are textbook ones of straight beams along chords of the a
 """
 
 import numpy as np
-from scipy.sparse import bmat, coo_matrix, csc_matrix
+from scipy.sparse import block_diag, bmat, coo_matrix, csc_matrix, hstack, vstack
 from scipy.sparse.linalg import spsolve
 
 from arm_brachy.robot.scissor_rcm import tip
@@ -30,6 +30,42 @@ def radial_stiffness(params, theta_1, elements=24):
     system = bmat([[K, B.T], [B, None]], format='csc')
     x = spsolve(system, np.concatenate([load, np.zeros(B.shape[0])]))
     return 1.0 / float(load @ x[:len(load)])
+
+
+def carrier_compliance(params, theta_1, elements=24):
+    """Return C (6, 6) as `scissor_stiffness.carrier_compliance`, from straight beams."""
+    hinges, arcs = layout(params, theta_1)
+    nodes, beams, at = _mesh(hinges, arcs, params.radius, elements)
+    n, where = 6 * len(nodes), tip(params, 0.0, theta_1)
+    K = block_diag([_stiffness(params, np.array(nodes), beams), csc_matrix((7, 7))])
+    own = _constraints(hinges, at, n)
+    rows = [hstack([own, csc_matrix((own.shape[0], 7))])]
+    for end in sorted({a.end for a in arcs} - {a.start for a in arcs}):
+        axis = hinges[end] / np.linalg.norm(hinges[end])
+        members = sorted((body, node) for (hinge, body), node in at.items() if hinge == end)
+        rows.append(_on_carrier(n, members[0][1], hinges[end] - where, axis,
+                                {'L': 1.0, 'R': -1.0, 'C': 0.0}[end[0]]))
+        if end[0] == 'C':
+            rows += [csc_matrix(_row(n + 7, {
+                **{6 * node + 3 + d: axis[d] for d in range(3)},
+                **{n + 3 + d: -axis[d] for d in range(3)}, n + 6: -sign})[None])
+                for (_, node), sign in zip(members, (1.0, -1.0), strict=True)]
+    B = vstack(rows)
+    system = bmat([[K, B.T], [B, None]], format='csc')
+    load = np.zeros((system.shape[0], 6))
+    load[n:n + 6] = np.eye(6)
+    return load.T @ spsolve(system, csc_matrix(load)).toarray()
+
+
+def _on_carrier(n, node, lever, axis, side):
+    """Rows that hold a hinge's node to the carrier: three moves, free along y by `side`; tilts."""
+    rows = np.zeros((5, n + 7))
+    rows[:3, 6 * node:6 * node + 3], rows[:3, n:n + 3] = np.eye(3), -np.eye(3)
+    rows[:3, n + 3:n + 6] = np.cross(lever, np.eye(3)).T   # d + phi x lever
+    rows[1, n + 6] = -side
+    across = np.linalg.svd(axis[None])[2][1:]
+    rows[3:, 6 * node + 3:6 * node + 6], rows[3:, n + 3:n + 6] = across, -across
+    return csc_matrix(rows)
 
 
 def _mesh(hinges, arcs, radius, elements):

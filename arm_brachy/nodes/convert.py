@@ -351,8 +351,15 @@ def probe_state(t_ns, frame, step):
     return ProbeState(
         header=header(t_ns, frame), phase=int(step.phase), in_contact=step.in_contact,
         force_goal=step.force_goal, force=floats(step.force), out_of_plane=step.out_of_plane,
-        goal=_pose(step.goal_R, step.goal_p), torque=step.torque, outcome=step.outcome.name,
-        message=step.message)
+        goal=_pose(step.goal_R, step.goal_p), torque=_seven(step.torque),
+        outcome=step.outcome.name, message=step.message)
+
+
+def _seven(torque):
+    """As many as the message has; a holder with fewer joints leaves the rest NaN."""
+    out = np.full(len(ProbeState().torque), np.nan)
+    out[:len(torque)] = torque
+    return out
 
 
 def probe_joints(t_ns, frame, names, step):

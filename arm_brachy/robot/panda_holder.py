@@ -22,6 +22,7 @@ from arm_brachy.robot.force_torque import BiasTracker, ForceTorqueSensor, calibr
 from arm_brachy.robot.impedance import Gains
 from arm_brachy.robot.inverse_kinematics import inverse_kinematics
 from arm_brachy.robot.probe_holder import HolderState
+from arm_brachy.robot.probe_planner import PLANNERS
 from arm_brachy.robot.reference import lead_limits, rotation
 from arm_brachy.robot.rigid_body import Arm, Payload
 from arm_brachy.robot.simulation import ArmSimulation
@@ -47,6 +48,7 @@ class PandaHolder:
     """Face: probe_holder.ProbeHolder. Starts at rest at home, the tool weighed."""
 
     joint_names = panda.JOINT_NAMES
+    planners = PLANNERS
 
     def __init__(self, params, rng):
         """params : ProbeArmParams;  rng : numpy Generator, for the sensor

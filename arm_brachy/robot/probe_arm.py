@@ -16,14 +16,17 @@ from arm_brachy.robot.panda_holder import PERIOD, PandaHolder
 from arm_brachy.robot.probe_arm_params import ProbeArmParams
 from arm_brachy.robot.probe_holder import Errand, Way
 from arm_brachy.robot.probe_phases import Phases, Situation
-from arm_brachy.robot.probe_planner import PLANNERS, Plan
+from arm_brachy.robot.probe_planner import Plan
 from arm_brachy.robot.probe_pose import out_of_plane
 from arm_brachy.robot.reference import rotation_vector
+from arm_brachy.robot.scissor_holder import ScissorHolder
 from arm_brachy.robot.surface_mesh import MeshSurface
 from arm_brachy.robot.surface_scan import ScannedSurface
 from arm_brachy.robot.tip_filter import TipFilter
 
 __all__ = ['ProbeArm', 'ProbeArmParams', 'ProbeArmStep']
+
+HOLDERS = {'panda': PandaHolder, 'scissor_rcm': ScissorHolder}
 
 _NEAR, _TURNED = 2e-3, np.radians(2.0)    # of a pose that counts as taken
 _HOME = 5e-4                              # m from home, at rest
@@ -67,13 +70,13 @@ class ProbeArm:
 
     params : ProbeArmParams;  rng : numpy Generator of the sensor
     inside : (3,) [m] a point of the body that sees all of its skin, for a scanned cloud
-    holder : probe_holder.ProbeHolder; None = the Panda
+    holder : probe_holder.ProbeHolder; None = as the parameters say
     """
 
     def __init__(self, params, rng, *, inside=(0.0, 0.0, 0.01), holder=None):
         """Start at rest at home. Raises InputError if home is out of reach."""
         self._params, self._inside, self._triangles = params, np.array(inside), None
-        self.holder = PandaHolder(params, rng) if holder is None else holder
+        self.holder = HOLDERS[params.probe_holder](params, rng) if holder is None else holder
         self._phases = Phases(params)
         self._tip, self._heard, self._last_tip = TipFilter(params.tip_memory), [], None
         self._surface, self._planner, self._t = None, None, None
@@ -193,7 +196,7 @@ class ProbeArm:
     def _planned(self, t, dt):
         p, v = self._tip.at(t)
         if self._planner is None:
-            self._planner = PLANNERS[self._params.strategy](
+            self._planner = self.holder.planners[self._params.strategy](
                 self._params, self._surface, p, self._tip.along, self._state.R[:, 2])
         plan = self._planner.plan(p, self._tip.along, v, self._state, dt)
         if plan.R is not None:

@@ -3,10 +3,12 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantity
 from arm_brachy.robot.force_torque import ForceTorqueParams
 from arm_brachy.robot.impedance import ImpedanceParams
 from arm_brachy.robot.reference import ReferenceParams
+from arm_brachy.robot.scissor_parameters import ScissorHolderParams
 from arm_brachy.robot.surface_scan import ScanParams
 from arm_brachy.robot.switched import SwitchedParams
 
@@ -15,11 +17,15 @@ from arm_brachy.robot.switched import SwitchedParams
 class ProbeArmParams:
     """Where the arm stands, how it holds the probe, and what it may do.
 
+    probe_holder : the Panda, or the spherical scissor linkage of appendix A, which turns the probe
+        about the centre of the body; `base` to `friction_known`, `impedance` and `switched` are
+        the Panda's, `scissor_rcm` the linkage's, the rest is for both
     strategy : move the probe over the skin, or turn it about its contact point
     control : impedance with force along the axis, or position and force in turns
     surface : from the scanner's cloud, or from the estimator's mesh
     """
 
+    probe_holder: Literal['panda', 'scissor_rcm'] = 'panda'
     strategy: Literal['translational', 'orientation'] = 'translational'
     control: Literal['impedance', 'switched'] = 'impedance'
     surface: Literal['scan', 'model'] = 'scan'
@@ -102,3 +108,23 @@ class ProbeArmParams:
     reference: ReferenceParams = field(default_factory=ReferenceParams)
     sensor: ForceTorqueParams = field(default_factory=ForceTorqueParams)
     scan: ScanParams = field(default_factory=ScanParams)
+    scissor_rcm: ScissorHolderParams = field(default_factory=ScissorHolderParams)
+
+    def __post_init__(self):
+        """Refuse what the linkage cannot do. Raises ConfigError."""
+        if self.probe_holder != 'scissor_rcm':
+            return
+        for key, only, why in (
+                ('strategy', 'orientation', 'the linkage turns the probe about a centre and does '
+                 'not carry it over the skin'),
+                ('control', 'impedance', 'the scheme in turns needs an arm that moves freely')):
+            given = getattr(self, key)
+            if given != only:
+                raise ConfigError(f'probe: {key} = {given!r} with probe_holder = '
+                                  f"'scissor_rcm'; must be {only}: {why}")
+        own = self.scissor_rcm
+        if not own.nearest < own.farthest < own.linkage.radius:
+            raise ConfigError(
+                f'probe: scissor_rcm: nearest_mm = {1e3 * own.nearest:g}, farthest_mm = '
+                f'{1e3 * own.farthest:g}, linkage radius_mm = {1e3 * own.linkage.radius:g}; must '
+                'increase: the probe stands between the centre and the linkage')

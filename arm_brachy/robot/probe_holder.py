@@ -1,7 +1,8 @@
 """What holds the probe, as the arm's phases see it: the seam between strategies and a mechanism.
 
 All poses in the world frame W; the probe's frame P as in `probe_pose`. `panda_holder.PandaHolder`
-is one; a mechanism that can only turn about a centre is another, with the orientation strategy.
+is one; `scissor_holder.ScissorHolder`, which can only turn about a centre, is another, with the
+orientation strategy alone.
 """
 
 from dataclasses import dataclass
@@ -44,7 +45,8 @@ class HolderState:
     """The holder at the end of a tick.
 
     R (3, 3), p (3,) : probe by the encoders;  R_true, p_true : where it is
-    q, dq, torque : of the joints;  wrench : (6,) on the probe, axes of P, about its face, measured
+    q, dq, torque : of the joints, m and N where one is a slide
+    wrench : (6,) on the probe, axes of P, about its face, measured
     in_contact : bool;  trip : 0 or the limit that was passed;  force_goal : [N] by now
     """
 
@@ -66,6 +68,7 @@ class ProbeHolder(Protocol):
 
     joint_names: tuple
     home: tuple           # (R (3, 3), p (3,)) where it rests
+    planners: dict        # strategy -> planner class of `probe_planner`, for what it can do
 
     def state(self):
         """Return the HolderState now."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.outcome import Outcome
-from arm_brachy.robot.probe_pose import orientation_goal, translational_goal
+from arm_brachy.robot.probe_pose import centre_goal, orientation_goal, translational_goal
 from arm_brachy.robot.reference import rotation_vector
 
 _AHEAD = 2e-3        # m, step of the search along the needle
@@ -19,6 +19,7 @@ _STEPS = 2           # of it in a tick: one takes 4 ms on a scanned surface of a
 _FARTHEST = 0.15     # m from the tip, where the search ends
 _PLANE = 0.1         # m up from the tip: a point of the plane that the strategies stay in
 _SHALLOWEST = 2e-3   # m of the tip under the face
+_ROUNDING = 1e-9     # rad
 _SMOOTH = 0.5        # share of the last angular velocity that is kept
 
 
@@ -55,8 +56,7 @@ class _Planner:
 
     def _stand(self, tip, along):
         """Goal over a point of the needle's line, or InputError: no skin, a hole, too steep."""
-        up = self._up - along * (along @ self._up)
-        goal = translational_goal(self.surface, tip + _PLANE * up, tip, along)
+        goal = self._goal(tip, along)
         off = self.surface.distance(goal.p)
         if off > self._params.hole:
             place = ', '.join(f'{1e3 * c:.0f}' for c in goal.p)
@@ -72,6 +72,31 @@ class _Planner:
         if (tip - goal.p) @ goal.R[:, 2] < _SHALLOWEST:
             raise _TooSteep('probe: the needle is not under the skin yet')
         return goal, normal
+
+    def _goal(self, tip, along):
+        up = self._up - along * (along @ self._up)
+        return translational_goal(self.surface, tip + _PLANE * up, tip, along)
+
+    def _search(self, along):
+        """Step along the needle's line until the probe can stand."""
+        for _ in range(_STEPS):
+            try:
+                self._stand(self._from, along)
+            except _NoSkin as problem:
+                return Plan(outcome=Outcome.NO_SURFACE, message=str(problem))
+            except InputError as problem:
+                self._from = self._from + _AHEAD * along
+                if (self._from - self._start) @ along > _FARTHEST:
+                    return Plan(outcome=Outcome.UNREACHABLE, message=str(problem))
+            else:
+                self._ready = True
+                break
+        return Plan(waiting=True, message='looking for where the probe can stand')
+
+    def _ahead(self, tip, along):
+        """(waiting, point): the tip, or the first point of its line where the probe can stand."""
+        left = (self._from - tip) @ along
+        return left > 0.0, tip + along * max(0.0, left)
 
     def _turning(self, R, dt):
         """Angular velocity (3,) of the goal, smoothed, from the goal before."""
@@ -91,6 +116,19 @@ class _TooSteep(InputError):
     """The probe cannot stand there, but perhaps farther on."""
 
 
+def _within(tip, along, pivot, tilt):
+    """(waiting, point): the tip, or on the needle's line what the largest tilt points at.
+
+    pivot : (3,) that the probe turns about;  tilt : [rad] to either side
+    """
+    foot = (pivot - tip) @ along
+    depth = np.linalg.norm(pivot - tip - along * foot)
+    most = depth * np.tan(tilt)
+    if abs(foot) <= most:
+        return False, tip
+    return True, tip + along * (foot - np.sign(foot) * most)
+
+
 class TranslationalPlanner(_Planner):
     """(6.4) to (6.8): over the tip, across the needle."""
 
@@ -102,8 +140,7 @@ class TranslationalPlanner(_Planner):
         """
         if not self._ready:
             return self._search(along)
-        waiting = (self._from - tip) @ along > 0.0
-        point = tip + along * max(0.0, (self._from - tip) @ along)
+        waiting, point = self._ahead(tip, along)
         v = np.zeros(3) if waiting else v
         try:
             goal, normal = self._stand(point, along)
@@ -119,21 +156,6 @@ class TranslationalPlanner(_Planner):
         y = state.R[:, 1]
         return Plan(goal.R, goal.p + y * (y @ (point - goal.p)), v, self._turning(goal.R, dt), up,
                     sinking, waiting)
-
-    def _search(self, along):
-        for _ in range(_STEPS):
-            try:
-                self._stand(self._from, along)
-            except _NoSkin as problem:
-                return Plan(outcome=Outcome.NO_SURFACE, message=str(problem))
-            except InputError as problem:
-                self._from = self._from + _AHEAD * along
-                if (self._from - self._start) @ along > _FARTHEST:
-                    return Plan(outcome=Outcome.UNREACHABLE, message=str(problem))
-            else:
-                self._ready = True
-                break
-        return Plan(waiting=True, message='looking for where the probe can stand')
 
 
 class OrientationPlanner(_Planner):
@@ -152,20 +174,11 @@ class OrientationPlanner(_Planner):
         if state.in_contact:     # it goes with the skin, up and down
             self._tilt = min(self._params.tilt, self._tilt + self._params.tilting * dt)
             contact = contact + self._normal * (self._normal @ (state.p - contact))
-        waiting, point = self._within(tip, along, contact)
+        waiting, point = _within(tip, along, contact, self._tilt)
         goal = orientation_goal(self._R, contact, point)
         towards = point - contact
         w = np.zeros(3) if waiting else np.cross(towards, v) / (towards @ towards)
         return Plan(goal.R, contact, np.zeros(3), w, self._normal, waiting=waiting)
-
-    def _within(self, tip, along, contact):
-        """(waiting, point): the tip, or on the needle's line what the largest tilt points at."""
-        foot = (contact - tip) @ along
-        depth = np.linalg.norm(contact - tip - along * foot)
-        most = depth * np.tan(self._tilt)
-        if abs(foot) <= most:
-            return False, tip
-        return True, tip + along * (foot - np.sign(foot) * most)
 
     def _search(self, along):
         for _ in range(_STEPS):
@@ -184,6 +197,45 @@ class OrientationPlanner(_Planner):
                 break
             self._from = self._from + _AHEAD * along
         return Plan(waiting=True, message='looking for where the probe can stand')
+
+
+class CentrePlanner(_Planner):
+    """The orientation strategy of a holder that turns the probe about a fixed centre.
+
+    Where chapter 6 turns the probe about its contact point, such a holder turns it about the
+    centre of the body: the face goes over the skin, by its distance from the centre over that of
+    the tip times the way of the tip across the axis.
+    """
+
+    def __init__(self, centre, *args):
+        """centre : (3,) [m];  the rest as in the other planners"""
+        super().__init__(*args)
+        self._centre = np.array(centre, dtype=float)
+
+    def plan(self, tip, along, v, state, dt):
+        """Return the Plan; see `TranslationalPlanner.plan`."""
+        if not self._ready:
+            return self._search(along)
+        ahead, point = self._ahead(tip, along)
+        beyond, point = _within(point, along, self._centre, self._params.tilt)
+        waiting = ahead or beyond
+        try:
+            goal, normal = self._stand(point, along)
+        except _NoSkin as problem:
+            return Plan(outcome=Outcome.NO_SURFACE, message=str(problem))
+        except InputError as problem:
+            return Plan(outcome=Outcome.UNREACHABLE, message=str(problem))
+        up, out = -goal.R[:, 2], point - self._centre
+        w = np.zeros(3) if waiting else np.cross(out, v) / (out @ out)
+        v = np.cross(w, goal.p - self._centre)
+        sinking = float((normal @ v) / (normal @ up))
+        return Plan(goal.R, goal.p, v - up * sinking, w, up, sinking, waiting)
+
+    def _goal(self, tip, along):
+        beyond, _ = _within(tip, along, self._centre, self._params.tilt + _ROUNDING)
+        if beyond:
+            raise _TooSteep('probe: the needle is not yet where the probe can turn to')
+        return centre_goal(self.surface, self._centre, tip, along)
 
 
 PLANNERS = {'translational': TranslationalPlanner, 'orientation': OrientationPlanner}

@@ -81,3 +81,29 @@ def translational_goal(surface, contact, tip, needle):
     up = up / length
     x = np.cross(along, -up)
     return ProbeGoal(np.column_stack([x, along, -up]), surface.intersection(tip, up))
+
+
+def centre_goal(surface, centre, tip, needle):
+    """Turn the probe about a fixed centre until its axis goes through centre and tip.
+
+    (6.1)-(6.3) with another remote centre: of the body, not of the contact. The plane of the
+    picture then holds the centre as well as the tip, and stands as much across the needle as a
+    plane through both can.
+    surface : as in `translational_goal`;  centre, tip : (3,) [m];  needle : (3,) of insertion
+    Returns ProbeGoal, y along the needle. Raises InputError if the tip lies within 1 mm of the
+    centre, the needle points at the centre, or the line from the centre meets no skin.
+    """
+    out = np.asarray(tip, dtype=float) - centre
+    distance = np.linalg.norm(out)
+    if distance < _CLOSEST:
+        raise InputError(f'probe: the tip is {1e3 * distance:.2f} mm from the centre that the '
+                         f'probe turns about; must be at least {1e3 * _CLOSEST:g} mm: move the '
+                         'template')
+    up = out / distance
+    y = needle - up * (up @ needle)
+    length = np.linalg.norm(y)
+    if length < _PARALLEL * np.linalg.norm(needle):
+        raise InputError('probe: the needle points at the centre that the probe turns about; must '
+                         'pass beside it: move the template')
+    y = y / length
+    return ProbeGoal(np.column_stack([np.cross(y, -up), y, -up]), surface.intersection(tip, up))

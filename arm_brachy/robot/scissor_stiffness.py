@@ -23,6 +23,7 @@ from arm_brachy.robot.scissor_rcm import branch, rigid_passive_angle, tip
 _QUADRATURE = 12     # Gauss points along an arc: exact to rounding for products of sines
 _SHEAR = 5.0 / 6.0   # of a rectangle, Timoshenko
 BASE = 'C0'
+CARRIER = 7           # motions of the carrier: three moves, three turns, one free within it
 
 
 @dataclass(frozen=True)
@@ -68,10 +69,11 @@ def _body(side, k):
 
 
 def _triad(a, b):
+    """Right-handed, so that turns keep their sign."""
     radial = a / np.linalg.norm(a)
-    normal = np.cross(a, b)
+    normal = np.cross(b, a)
     normal /= np.linalg.norm(normal)
-    return np.column_stack([radial, normal, np.cross(normal, radial)])
+    return np.column_stack([radial, normal, np.cross(radial, normal)])
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,63 @@ def tip_compliance(params, theta_1):
     With an odd number of links the carrier shares the force between both ends and stands midway.
     """
     hinges, arcs = layout(params, theta_1)
+    K, index = _assembled(params, hinges, arcs)
+    ends = _ends(arcs)
+    load = np.zeros((len(K), 3))
+    for end in ends:
+        load[index[end]:index[end] + 3] = np.eye(3) / len(ends)
+    return load.T @ np.linalg.solve(K, load)
+
+
+def carrier_compliance(params, theta_1):
+    """Return C (6, 6): move [m] and turn [rad] of a carrier at the tip per force and moment on it.
+
+    Axes of frame B at theta_0 = 0, about the tip; actuators locked. The carrier's two hinges stand
+    square on it. With an odd number of links they slide on it, by equal ways to either side of
+    the plane of symmetry (a rack and pinion); with an even number both are one, and the carrier
+    halves the angle between the two links there (a pair of gears). Both are assumed: the thesis
+    does not say what holds its end effector in its orientation.
+    """
+    hinges, arcs = layout(params, theta_1)
+    K, index = _assembled(params, hinges, arcs)
+    followers = _carried(hinges, arcs, index, tip(params, 0.0, theta_1))
+    own = [i for i in range(len(K)) if i not in followers]
+    T = np.zeros((len(K), len(own) + CARRIER))
+    T[own, np.arange(len(own))] = 1.0
+    for i, row in followers.items():
+        T[i, -CARRIER:] = row
+    load = np.zeros((T.shape[1], 6))
+    load[len(own):len(own) + 6] = np.eye(6)
+    return load.T @ np.linalg.solve(T.T @ K @ T, load)
+
+
+def _carried(hinges, arcs, index, at):
+    """Which degrees of freedom follow the carrier, and how: number -> row (7,).
+
+    at : (3,) the carrier's origin. Columns: its move, its turn, and what is free in it.
+    """
+    rows = {}
+    for end in _ends(arcs):
+        point, first = hinges[end], index[end]
+        axis = point / np.linalg.norm(point)
+        move, tilt = np.zeros((3, CARRIER)), np.zeros((2, CARRIER))
+        move[:, :3], move[:, 3:6] = np.eye(3), -_cross(point - at)
+        side = {'L': 1.0, 'R': -1.0, 'C': 0.0}[end[0]]
+        move[1, 6] = side          # y of B stands on the plane of symmetry
+        tilt[:, 3:6] = np.linalg.svd(axis[None])[2][1:]
+        rows |= dict(zip(range(first, first + 5), np.vstack([move, tilt]), strict=True))
+        bodies = sorted({a.body for a in arcs if a.end == end})
+        for body, way in zip(bodies, (1.0, -1.0), strict=False) if not side else ():
+            rows[index[end, body]] = np.array([*np.zeros(3), *axis, way])
+    return rows
+
+
+def _ends(arcs):
+    return sorted({a.end for a in arcs} - {a.start for a in arcs})
+
+
+def _assembled(params, hinges, arcs):
+    """(K (n, n), index) of the linkage; index as in `_numbering`."""
     index, size = _numbering(arcs)
     K = np.zeros((size, size))
     local = np.linalg.inv(arc_compliance(params, params.beta))
@@ -131,11 +190,7 @@ def tip_compliance(params, theta_1):
         for half, hinge in ((0, arc.start), (6, arc.end)):
             _place(map_[half:half + 6], hinges[hinge], index, hinge, arc.body)
         K += map_.T @ k @ map_
-    ends = sorted({a.end for a in arcs} - {a.start for a in arcs})
-    load = np.zeros((size, 3))
-    for end in ends:
-        load[index[end]:index[end] + 3] = np.eye(3) / len(ends)
-    return load.T @ np.linalg.solve(K, load)
+    return K, index
 
 
 def _numbering(arcs):
@@ -215,3 +270,8 @@ def thesis_stiffness(params, theta_1):
         lever = u @ np.cross(arc.R[:, 1], end - hinges[arc.start])
         compliance += lever**2 / torsional_spring(params)
     return float(2.0 / compliance)
+
+
+def mass_of_arc(params, density):
+    """Mass [kg] of one arc; density : [kg/m3]"""
+    return params.beta * params.radius * Section.of(params).area * density

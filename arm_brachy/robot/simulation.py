@@ -106,10 +106,7 @@ class ArmSimulation:
 
         x : (n, 3) [m], base frame;  triangles : (k, 3), outward;  colour : (4,) red to opacity
         """
-        shape = self._bullet.createVisualShape(
-            pybullet.GEOM_MESH, vertices=np.asarray(x).tolist(),
-            indices=np.ravel(triangles).tolist(), rgbaColor=list(colour))
-        return self._bullet.createMultiBody(baseMass=0.0, baseVisualShapeIndex=shape)
+        return show_surface(self._bullet, x, triangles, colour)
 
     def hide(self, shown):
         """Draw what `show` returned no longer."""
@@ -120,13 +117,27 @@ class ArmSimulation:
 
         target : (3,) [m] looked at;  distance : [m];  yaw, pitch : [rad] of the camera
         """
-        view = self._bullet.computeViewMatrixFromYawPitchRoll(
-            list(target), distance, np.degrees(yaw), np.degrees(pitch), 0.0, 2)
-        lens = self._bullet.computeProjectionMatrixFOV(40.0, width / height, 0.05, 10.0)
-        _, _, pixels, _, _ = self._bullet.getCameraImage(
-            width, height, view, lens, renderer=pybullet.ER_TINY_RENDERER)
-        return np.reshape(pixels, (height, width, 4))[:, :, :3].astype(np.uint8)
+        return camera_image(self._bullet, width, height, target=target, distance=distance,
+                            yaw=yaw, pitch=pitch)
 
     def close(self):
         """End the physics server."""
         self._bullet.disconnect()
+
+
+def show_surface(bullet, x, triangles, colour):
+    """Draw a surface in a physics server; see `ArmSimulation.show`."""
+    shape = bullet.createVisualShape(
+        pybullet.GEOM_MESH, vertices=np.asarray(x).tolist(),
+        indices=np.ravel(triangles).tolist(), rgbaColor=list(colour))
+    return bullet.createMultiBody(baseMass=0.0, baseVisualShapeIndex=shape)
+
+
+def camera_image(bullet, width, height, *, target, distance, yaw, pitch):
+    """Return (height, width, 3) uint8 of a physics server; see `ArmSimulation.picture`."""
+    view = bullet.computeViewMatrixFromYawPitchRoll(
+        list(target), distance, np.degrees(yaw), np.degrees(pitch), 0.0, 2)
+    lens = bullet.computeProjectionMatrixFOV(40.0, width / height, 0.05, 10.0)
+    _, _, pixels, _, _ = bullet.getCameraImage(
+        width, height, view, lens, renderer=pybullet.ER_TINY_RENDERER)
+    return np.reshape(pixels, (height, width, 4))[:, :, :3].astype(np.uint8)

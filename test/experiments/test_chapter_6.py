@@ -1,4 +1,4 @@
-"""Scenarios I to IV differ in what they say they differ in, and in nothing else."""
+"""Scenarios I to IV and that of the linkage differ in what they say, and in nothing else."""
 
 from dataclasses import replace
 
@@ -21,3 +21,12 @@ def test_the_four_scenarios_differ_in_strategy_and_overlay_alone():
         assert alike == first
         assert replace(scenario.probe, strategy='translational') == first.probe
         assert replace(scenario.procedure, overlay=True) == first.procedure
+
+
+def test_the_scenario_of_the_linkage_is_the_third_with_another_holder():
+    panda, linkage = (load_cell(config_dir() / 'scenarios' / f'{file}.yaml').scenario
+                      for file in ('probe_III', chapter_6.LINKAGE['III on the linkage']))
+    assert linkage.probe.probe_holder == 'scissor_rcm'
+    assert replace(linkage.probe, probe_holder='panda') == panda.probe
+    assert replace(linkage, name=panda.name, description=panda.description,
+                   probe=panda.probe) == panda

@@ -8,6 +8,7 @@ from scipy.integrate import quad
 
 from arm_brachy.core.errors import InputError
 from arm_brachy.experiments import scissor_frame
+from arm_brachy.robot import scissor_stiffness
 from arm_brachy.robot.scissor_rcm import (
     MEASURES,
     ScissorParams,
@@ -25,6 +26,7 @@ from arm_brachy.robot.scissor_rcm import (
 from arm_brachy.robot.scissor_stiffness import (
     Section,
     arc_compliance,
+    carrier_compliance,
     layout,
     radial_stiffness,
     tip_compliance,
@@ -166,3 +168,21 @@ def test_the_torsional_spring_stores_what_the_bent_arc_does():
         * 0.5 * (phi - np.sin(phi) * np.cos(phi))
     angle = deflection / (R * np.sin(phi) / np.cos(phi / 2))
     assert np.isclose(torsional_spring(PROTOTYPE), deflection / angle**2)
+
+
+@pytest.mark.parametrize('params', DESIGNS)
+@pytest.mark.parametrize('theta_1', [0.2, 0.7, 1.3])
+def test_the_carrier_moves_and_turns_as_with_straight_beams(params, theta_1):
+    """All six directions; the goal for the radial stiffness is 5 %."""
+    ours, theirs = (model.carrier_compliance(params, theta_1)
+                    for model in (scissor_stiffness, scissor_frame))
+    size = np.sqrt(np.diag(theirs))
+    assert np.abs((ours - theirs) / np.outer(size, size)).max() < 1e-3
+    assert np.allclose(ours, ours.T, rtol=1e-9) and np.linalg.eigvalsh(ours).min() > 0.0
+
+
+def test_a_carrier_in_the_last_hinge_moves_as_the_tip_does():
+    """With an even number of links a force goes through the hinge itself."""
+    params = DESIGNS[1]
+    assert np.allclose(carrier_compliance(params, 0.9)[:3, :3], tip_compliance(params, 0.9),
+                       rtol=1e-9)
