@@ -18,8 +18,8 @@ class ProbeArmParams:
     """Where the arm stands, how it holds the probe, and what it may do.
 
     probe_holder : the Panda, or the spherical scissor linkage of appendix A, which turns the probe
-        about the centre of the body; `base` to `friction_known`, `impedance` and `switched` are
-        the Panda's, `scissor_rcm` the linkage's, the rest is for both
+        about the centre of the body; `base`, `friction_known`, `switched` and all of `impedance`
+        but the stiffness of the tissue are the Panda's, `scissor_rcm` is the linkage's
     strategy : move the probe over the skin, or turn it about its contact point
     control : impedance with force along the axis, or position and force in turns
     surface : from the scanner's cloud, or from the estimator's mesh

@@ -14,7 +14,7 @@ import numpy as np
 from arm_brachy.core.errors import InputError
 from arm_brachy.robot import scissor_loop as loop
 from arm_brachy.robot.force_torque import BiasTracker, ForceTorqueSensor, calibrate
-from arm_brachy.robot.panda_holder import PERIOD, tool_of
+from arm_brachy.robot.panda_holder import PERIOD, RISEN, tool_of
 from arm_brachy.robot.probe_holder import HolderState
 from arm_brachy.robot.probe_planner import CentrePlanner
 from arm_brachy.robot.scissor_bending import Bending
@@ -80,10 +80,10 @@ class ScissorHolder:
     def _bounds(self):
         own, params = self._own, self._params
         return loop.Rules(
-            PERIOD, params.touch, params.release, params.release_time, params.force / params.rise,
-            params.force_most, params.speed_most, params.reach, params.floor,
-            params.reference.rate, 2.0 * np.pi * own.bandwidth, own.force_gain, own.force_rate,
-            _INTEGRAL)
+            PERIOD, params.touch, params.release, params.release_time, RISEN / params.rise,
+            params.impedance.tissue, params.force_most, params.speed_most, params.reach,
+            params.floor, params.reference.rate, 2.0 * np.pi * own.bandwidth, own.force_gain,
+            own.force_rate, _INTEGRAL)
 
     def _home(self):
         """(R, p) in W: over the home of the parameters, its axis through the centre."""

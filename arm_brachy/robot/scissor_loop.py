@@ -5,7 +5,8 @@ are position servos; none is driven by torque, since geared motors and a ball sc
 back. In each period
     bending    (1 + C K) d = C W_0,  the probe stands at the encoders' pose moved by d; C as at the
                beginning of the tick, links without inertia
-    force      advance' = a + k (f_d - f) + k r int (f_d - f) dt,  a : what the skin shall do
+    force      advance' = a + f_d' / K_e + k (f_d - f) + k r int (f_d - f) dt,  a : what the skin
+               is expected to do, K_e : its expected stiffness
     lead       q_r'' within the acceleration limit, towards q_goal + q_goal' t, critically damped
     servo      q'' = w^2 (q_r - q) + 2 w (q_r' - q'),  within its limits
 C : compliance at the face;  K, W_0 : stiffness of the tissue, and what it would do to an unbent
@@ -34,7 +35,7 @@ Linkage = namedtuple('Linkage', (
     'radius links tan low high speed acceleration origin up gravity '
     'tool_mass tool_centre sensor'))
 Rules = namedtuple('Rules', (
-    'period touch release release_time force_rise force_most speed_most reach floor rate '
+    'period touch release release_time goal_rate tissue force_most speed_most reach floor rate '
     'bandwidth force_gain force_rate integral_most'))
 # What a tick asks for. q, dq : (4,) goal and how it moves;  the rest as in `arm_loop.Task`
 Task = namedtuple('Task', 'mode q dq axial seek goal away')
@@ -45,7 +46,7 @@ Touch = namedtuple('Touch', 'R p wrench stiffness bent')
 Memory = namedtuple('Memory', (
     'q dq lead dlead R p bias weighed reading wrench true_wrench flags values'))
 IN_CONTACT, TRIP, QUIET = range(3)                      # flags; QUIET counts periods
-INTEGRAL, GOAL, MEASURED, RETREAT_TO = range(4)         # values [N s, N, N, m]
+INTEGRAL, GOAL, SLOPE, MEASURED, RETREAT_TO = range(5)  # values [N s, N, N/s, N, m]
 
 
 def start_memory(linkage, q, load):
@@ -54,7 +55,7 @@ def start_memory(linkage, q, load):
     return Memory(np.array(q, dtype=float), np.zeros(JOINTS), np.array(q, dtype=float),
                   np.zeros(JOINTS), R, p, np.array(load.bias),
                   np.array([load.mass, *load.centre]), np.zeros(6), np.zeros(6), np.zeros(6),
-                  np.zeros(3, dtype=np.int64), np.zeros(4))
+                  np.zeros(3, dtype=np.int64), np.zeros(5))
 
 
 @numba.njit(cache=True)
@@ -183,7 +184,10 @@ def _tripped(linkage, rules, memory, p):
 
 @numba.njit(cache=True)
 def _notice_contact(rules, mode, task, memory):
-    """Touch and loss, by the measured force; on a touch the goal rises from what is there."""
+    """Touch and loss, by the measured force; on a touch the goal goes on from what is there.
+
+    From the force and its rise at touch it comes to what is asked for as in `arm_loop`.
+    """
     flags, values = memory.flags, memory.values
     force = values[MEASURED]
     if mode != FORCE:
@@ -192,12 +196,17 @@ def _notice_contact(rules, mode, task, memory):
         if force > rules.touch:
             flags[IN_CONTACT], flags[QUIET] = 1, 0
             values[INTEGRAL], values[GOAL] = 0.0, force
+            rise = rules.tissue * (memory.dq[ADVANCE] - task.axial)
+            fastest = rules.goal_rate * max(task.goal - force, 0.0)
+            values[SLOPE] = min(max(rise, 0.0), fastest)
     else:
         flags[QUIET] = flags[QUIET] + 1 if force < rules.release else 0
         if flags[QUIET] * rules.period > rules.release_time:
             flags[IN_CONTACT] = 0
-    rise = rules.force_rise * rules.period
-    values[GOAL] += min(max(task.goal - values[GOAL], -rise), rise)
+    w = rules.goal_rate
+    pull = w * w * (task.goal - values[GOAL]) - 2.0 * w * values[SLOPE]
+    values[SLOPE] += rules.period * pull
+    values[GOAL] += rules.period * values[SLOPE]
 
 
 @numba.njit(cache=True)
@@ -233,7 +242,8 @@ def _stage_velocity(linkage, rules, task, memory):
     if not memory.flags[IN_CONTACT]:
         return task.seek
     error = values[GOAL] - values[MEASURED]
-    plain = task.axial + rules.force_gain * (error + rules.force_rate * values[INTEGRAL])
+    plain = (task.axial + values[SLOPE] / rules.tissue
+             + rules.force_gain * (error + rules.force_rate * values[INTEGRAL]))
     if abs(plain) < linkage.speed[ADVANCE]:         # else it would only wind up
         grown = values[INTEGRAL] + rules.period * error
         values[INTEGRAL] = min(max(grown, -rules.integral_most), rules.integral_most)
