@@ -122,9 +122,3 @@ class ProbeArmParams:
             if given != only:
                 raise ConfigError(f'probe: {key} = {given!r} with probe_holder = '
                                   f"'scissor_rcm'; must be {only}: {why}")
-        own = self.scissor_rcm
-        if not own.nearest < own.farthest < own.linkage.radius:
-            raise ConfigError(
-                f'probe: scissor_rcm: nearest_mm = {1e3 * own.nearest:g}, farthest_mm = '
-                f'{1e3 * own.farthest:g}, linkage radius_mm = {1e3 * own.linkage.radius:g}; must '
-                'increase: the probe stands between the centre and the linkage')

@@ -8,8 +8,13 @@ along the radius, which makes contact, force and retreat.
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantity
 from arm_brachy.robot.scissor_rcm import ScissorParams
+
+MOST_LINKS = 20      # of a branch; a carrier of more is softer than it is worth
 
 
 @dataclass(frozen=True)
@@ -50,3 +55,20 @@ class ScissorHolderParams:
     force_rate: float = quantity(3.0, 'per_s', 'of the integral, as a share of that gain',
                                  low=0.0, high=50.0, source='own choice: a fifth of the loop on '
                                  '300 N/m')
+
+    def __post_init__(self):
+        """Refuse what no linkage can be. Raises ConfigError."""
+        link = self.linkage
+        if not 2 <= link.links <= MOST_LINKS or link.links * link.beta > np.pi:  # noqa: PLR2004
+            raise ConfigError(
+                f'scissor_rcm: linkage: links = {link.links}, beta_deg = '
+                f'{np.degrees(link.beta):g}; must be 2 to {MOST_LINKS} links that reach 180 deg '
+                'at most together')
+        if not self.nearest < self.farthest < link.radius:
+            raise ConfigError(
+                f'scissor_rcm: nearest_mm = {1e3 * self.nearest:g}, farthest_mm = '
+                f'{1e3 * self.farthest:g}, linkage radius_mm = {1e3 * link.radius:g}; must '
+                'increase: the probe stands between the centre and the linkage')
+        if not np.any(self.axis):
+            raise ConfigError(f'scissor_rcm: axis = {list(self.axis)}; must not be zero: it '
+                              'points from the centre to the first hinge')
