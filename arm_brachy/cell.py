@@ -32,11 +32,15 @@ from arm_brachy.devices.surface_scanner import PadShadow, Plate, SurfaceScanner
 from arm_brachy.devices.ultrasound_imager import Imager
 from arm_brachy.estimation.live import LiveEstimator
 from arm_brachy.estimation.marker_motion import MarkerMotion
-from arm_brachy.robot.panda_parameters import JOINT_NAMES
+from arm_brachy.robot.panda_parameters import DH, JOINT_NAMES
 from arm_brachy.robot.reference import rotation
 from arm_brachy.robot.rigid_body import Arm, frames
-from arm_brachy.robot.scissor_place import linkage_line
+from arm_brachy.robot.scissor_place import base_axes, linkage_line
+from arm_brachy.robot.scissor_urdf import BASE as SCISSOR_BASE
+from arm_brachy.robot.scissor_urdf import link_frames, scissor_urdf
 from arm_brachy.robot.template import ImageGeometry, Template
+from arm_brachy.robot.urdf import BASE as ARM_BASE
+from arm_brachy.robot.urdf import panda_urdf
 from arm_brachy.tissue.build import build_body, build_pad, load_scene_mesh, placement_mesh
 from arm_brachy.tissue.contact_poses import ridden
 from arm_brachy.tissue.instruments import Instruments, Tools
@@ -53,7 +57,7 @@ from arm_brachy.tissue.probe_reading import ProbeReading
 from arm_brachy.tissue.simulator import TissueSimulator
 from arm_brachy.tissue.terms.inclusion import Inclusion
 from arm_brachy.viewing import drawing
-from arm_brachy.viewing.description import description
+from arm_brachy.viewing.description import arm_links, description
 
 
 @dataclass(frozen=True)
@@ -388,7 +392,29 @@ def arm_line(cell, q):
 def arm_base(cell):
     """Return R_WB (3, 3), p_WB (3,) [m] of the base of the arm that holds the probe."""
     params = cell.scenario.probe
+    if params.probe_holder == 'scissor_rcm':
+        return base_axes(params.scissor_rcm.axis), np.array(params.scissor_rcm.centre)
     return rotation(np.array([0.0, 0.0, params.base_turn])), np.array(params.base)
+
+
+def arm_base_name(cell):
+    """Name of the frame of that base."""
+    return SCISSOR_BASE if cell.scenario.probe.probe_holder == 'scissor_rcm' else ARM_BASE
+
+
+def arm_frames(cell, q):
+    """Return (parent, child, R (3, 3), p (3,) [m]) of every moving link of the arm at joints q."""
+    params = cell.scenario.probe
+    if params.probe_holder == 'scissor_rcm':
+        return list(link_frames(params.scissor_rcm.linkage, q))
+    return list(arm_links(DH, q))
+
+
+def _arm_urdf(cell):
+    own = cell.scenario.probe.scissor_rcm
+    if cell.scenario.probe.probe_holder == 'scissor_rcm':
+        return scissor_urdf(own, base_axes(own.axis).T @ [0.0, 0.0, -1.0])
+    return panda_urdf(Arm.panda(), JOINT_NAMES)
 
 
 def build_stage(cell, look):
@@ -409,7 +435,8 @@ def build_stage(cell, look):
 
 def build_description(cell, frame):
     """URDF (text) of the cell's actuators and, in a procedure, of its arm; frame : of the base."""
-    arm = None if cell.scenario.procedure is None else (*arm_base(cell), JOINT_NAMES)
+    arm = None if cell.scenario.procedure is None else (
+        *arm_base(cell), arm_base_name(cell), _arm_urdf(cell))
     return description(frame, build_stage(cell, cell.scenario.viewer).pads,
                        [pad.stroke for pad in cell.scene.pads],
                        cell.scenario.actuators.max_speed, arm)

@@ -12,9 +12,6 @@ from arm_brachy.nodes import convert, convert_viewing, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker, message_type
-from arm_brachy.robot.panda_parameters import DH
-from arm_brachy.robot.urdf import BASE
-from arm_brachy.viewing.description import arm_links
 from arm_brachy.viewing.drawing import Seen, Truth, draw, draw_truth
 from arm_brachy.viewing.surface import thinned
 
@@ -40,7 +37,8 @@ class CellViewerNode(Node):
     def __init__(self, **kwargs):
         super().__init__(graph.CELL_VIEWER.name, **kwargs)
         setup = parameters.node_setup(self)
-        cell, self._frame = setup.cell, setup.frame
+        self._cell = cell = setup.cell
+        self._frame = setup.frame
         self._params = parameters.device_parameters(self, cell.scenario.viewer)
         image_frame = parameters.text(self, 'image_frame', 'ultrasound_image',
                                       'frame_id of the images')
@@ -80,7 +78,7 @@ class CellViewerNode(Node):
         if cell.scenario.procedure is not None:
             template = cells.build_template(cell)
             fixed += [(self._frame, 'template', template.R, template.p),
-                      (self._frame, BASE, *cells.arm_base(cell)),
+                      (self._frame, cells.arm_base_name(cell), *cells.arm_base(cell)),
                       (PROBE_FRAME, image_frame, IMAGE_IN_PROBE, np.zeros(3))]
         return [convert_viewing.transform(t_ns, *one) for one in fixed]
 
@@ -136,7 +134,7 @@ class CellViewerNode(Node):
     def _arm_frames(self, fresh):
         msg = self._new(graph.PROBE_JOINTS, fresh)
         if msg is not None:
-            for link in arm_links(DH, msg.position):
+            for link in cells.arm_frames(self._cell, msg.position):
                 yield convert_viewing.transform(convert.nanoseconds(msg), *link)
 
     def _say_joints(self, fresh):

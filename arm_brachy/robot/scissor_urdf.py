@@ -4,19 +4,21 @@ All hinge axes go through the centre, so every link's frame has its origin there
 its hinge: a hinge is a turn about z, an arc a turn about y. A URDF is a tree and the linkage is
 closed, so both branches hang on the base, carrier and probe too, and the angles of the passive
 joints come from `joint_positions`. Frame names: scissor_base (frame C of `scissor_loop`),
-scissor_yoke, scissor_left_1 ..., scissor_right_1 ..., scissor_carrier, scissor_spin,
-scissor_probe.
+scissor_yoke, scissor_left_1 ..., scissor_right_1 ..., scissor_carrier, scissor_spindle,
+scissor_probe. The joints that the holder has keep its names; theta_1 is the right branch's first.
 """
 
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from arm_brachy.robot.scissor_rcm import polar_angle, rigid_passive_angle
 from arm_brachy.robot.scissor_stiffness import mass_of_arc
 
 BASE, PROBE = 'scissor_base', 'scissor_probe'
 SIDES = {'left': 1, 'right': -1}
+_EFFORT = '100'          # N m, N: a URDF must say something
 _ANCHOR = 1e-3           # kg of a base that never moves, and of frames without a mass
 _PIECES = 6              # boxes of an arc
 _PIN = 0.012             # m, side of a hinge's pin
@@ -40,10 +42,10 @@ def scissor_urdf(own, down):
     _box(base, hinge, np.eye(3), [0.05, 0.05, 0.05], _DARK)
     _box(base, hinge + 0.5 * link.radius * down, _along(down), [*_POST, link.radius], _DARK)
     _body(robot, 'scissor_yoke', _ANCHOR, np.zeros(3), _ANCHOR * np.eye(3))
-    _joint(robot, 'scissor_theta_0', BASE, 'scissor_yoke', own.swing, own.turning_speed)
     for name, side in SIDES.items():
         _branch(robot, own, name, side)
     _carrier(robot, own)
+    _joints(robot, own)
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding='unicode')
 
@@ -55,25 +57,78 @@ def joint_positions(linkage, q):
     """
     theta_0, theta_1, spin, advance = q
     out = {'scissor_theta_0': theta_0, 'scissor_polar': polar_angle(linkage, theta_1),
-           'scissor_spin_joint': spin, 'scissor_stage': advance}
+           'scissor_spin': spin, 'scissor_stage': advance}
     passive = rigid_passive_angle(linkage, theta_1)
     for name, side in SIDES.items():
         for k in range(linkage.links):
             # The hinge before arc k: theta_1, then by turns that of a stage and the crossing's.
             turn = -theta_1 if k == 0 else passive if k % 2 else -2.0 * theta_1
-            out[f'scissor_{name}_{k + 1}_joint'] = side * turn
+            out[_hinge(name, k)] = side * turn
     return out
 
 
+def link_frames(linkage, q):
+    """Yield (parent, child, R (3, 3), p (3,) [m]) of every link at q (4,), as on /tf."""
+    positions = joint_positions(linkage, q)
+    for name, parent, child, xyz, rpy, axis in _tree(linkage):
+        R = Rotation.from_euler('xyz', rpy)
+        if name == 'scissor_stage':
+            yield parent, child, R.as_matrix(), xyz + positions[name] * R.apply(axis)
+        else:
+            turn = R * Rotation.from_rotvec(positions[name] * np.array(axis))
+            yield parent, child, turn.as_matrix(), np.array(xyz)
+
+
+def _tree(linkage):
+    """(joint, parent, child, xyz, rpy, axis) of every joint of the URDF."""
+    still, z = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+    yield 'scissor_theta_0', BASE, 'scissor_yoke', still, still, z
+    for name in SIDES:
+        before = 'scissor_yoke'
+        for k in range(linkage.links):
+            here = f'scissor_{name}_{k + 1}'
+            yield _hinge(name, k), before, here, still, (0.0, linkage.beta if k else 0.0, 0.0), z
+            before = here
+    yield 'scissor_polar', 'scissor_yoke', 'scissor_carrier', still, still, (0.0, 1.0, 0.0)
+    yield 'scissor_spin', 'scissor_carrier', 'scissor_spindle', still, still, z
+    # The probe's frame: z towards the centre, y along the polar direction without spin.
+    yield ('scissor_stage', 'scissor_spindle', PROBE, (0.0, 0.0, linkage.radius),
+           (np.pi, 0.0, np.pi / 2), z)
+
+
+def _hinge(side, k):
+    """Name of the joint before arc k of a branch."""
+    return 'scissor_theta_1' if (side, k) == ('right', 0) else f'scissor_{side}_{k + 1}_joint'
+
+
+def _joints(robot, own):
+    """All joints with their limits."""
+    link = own.linkage
+    most = {'scissor_theta_0': own.swing, 'scissor_spin': own.spin}
+    for name, parent, child, xyz, rpy, axis in _tree(link):
+        slides = name == 'scissor_stage'
+        joint = ElementTree.SubElement(robot, 'joint', name=name,
+                                       type='prismatic' if slides else 'revolute')
+        _placed(joint, xyz, rpy)
+        ElementTree.SubElement(joint, 'parent', link=parent)
+        ElementTree.SubElement(joint, 'child', link=child)
+        ElementTree.SubElement(joint, 'axis', xyz=_numbers(axis))
+        low, high = ((link.radius - own.farthest, link.radius - own.nearest) if slides
+                     else (-most.get(name, np.pi), most.get(name, np.pi)))
+        ElementTree.SubElement(
+            joint, 'limit', lower=_number(low), upper=_number(high), effort=_EFFORT,
+            velocity=_number(own.stage_speed if slides else own.turning_speed))
+
+
 def _branch(robot, own, name, side):
-    link, before = own.linkage, 'scissor_yoke'
+    link = own.linkage
     # Crossing links pass each other in layers.
     radius = link.radius - 0.5 * side * link.width
     colour = _STEEL if side > 0 else _RIGHT
-    centre, inertia = _arc_inertia(link, mass_of_arc(link, own.density))
+    mass = mass_of_arc(link, own.density)
+    centre, inertia = _arc_inertia(link, mass)
     for k in range(link.links):
-        here = f'scissor_{name}_{k + 1}'
-        body = _body(robot, here, mass_of_arc(link, own.density), centre, inertia)
+        body = _body(robot, f'scissor_{name}_{k + 1}', mass, centre, inertia)
         step = link.beta / _PIECES
         for i in range(_PIECES):
             R = _about_y((i + 0.5) * step)
@@ -85,9 +140,6 @@ def _branch(robot, own, name, side):
             R = _about_y(link.beta)
             _box(body, (link.radius + 0.5 * link.width) * R[:, 2], R,
                  [_PIN, _PIN, 3.0 * link.width], _BRASS)
-        _joint(robot, f'{here}_joint', before, here, np.pi, own.turning_speed,
-               turn=(0.0, link.beta if k else 0.0, 0.0))
-        before = here
 
 
 def _carrier(robot, own):
@@ -96,23 +148,12 @@ def _carrier(robot, own):
     carrier = _body(robot, 'scissor_carrier', _ANCHOR, np.zeros(3), _ANCHOR * np.eye(3))
     top = np.array([0.0, 0.0, link.radius + link.width + _PLATE])
     _box(carrier, top, np.eye(3), [0.04, apart + 0.04, _PLATE], _DARK)
-    _joint(robot, 'scissor_polar', 'scissor_yoke', 'scissor_carrier', np.pi, own.turning_speed,
-           axis='0 1 0')
-    spin = _body(robot, 'scissor_spin', _ANCHOR, np.zeros(3), _ANCHOR * np.eye(3))
+    spin = _body(robot, 'scissor_spindle', _ANCHOR, np.zeros(3), _ANCHOR * np.eye(3))
     _box(spin, top + [0.0, 0.0, 0.02], np.eye(3), [0.05, 0.05, 0.03], _BRASS)
-    _joint(robot, 'scissor_spin_joint', 'scissor_carrier', 'scissor_spin', own.spin,
-           own.turning_speed)
     probe = _body(robot, PROBE, _ANCHOR, np.zeros(3), _ANCHOR * np.eye(3))
     _box(probe, np.array([0.0, 0.0, -0.5 * _HOUSING]), np.eye(3), [*_FACE, _HOUSING], _BLUE)
     rod = link.radius - own.nearest
     _box(probe, np.array([0.0, 0.0, -_HOUSING - 0.5 * rod]), np.eye(3), [_ROD, _ROD, rod], _DARK)
-    joint = ElementTree.SubElement(robot, 'joint', name='scissor_stage', type='prismatic')
-    # The probe's frame: z towards the centre, y along the polar direction without spin.
-    _placed(joint, np.array([0.0, 0.0, link.radius]), (np.pi, 0.0, np.pi / 2))
-    _ends(joint, 'scissor_spin', PROBE, '0 0 1')
-    ElementTree.SubElement(joint, 'limit', lower=_number(link.radius - own.farthest),
-                           upper=_number(link.radius - own.nearest),
-                           velocity=_number(own.stage_speed), effort='100')
 
 
 def _arc_inertia(link, mass, samples=64):
@@ -146,20 +187,6 @@ def _box(link, centre, R, size, colour):
     ElementTree.SubElement(shape, 'box', size=_numbers(size))
     material = ElementTree.SubElement(visual, 'material', name=f'rgba_{_numbers(colour)}')
     ElementTree.SubElement(material, 'color', rgba=_numbers(colour))
-
-
-def _joint(robot, name, parent, child, most, speed, *, turn=(0.0, 0.0, 0.0), axis='0 0 1'):
-    joint = ElementTree.SubElement(robot, 'joint', name=name, type='revolute')
-    _placed(joint, np.zeros(3), turn)
-    _ends(joint, parent, child, axis)
-    ElementTree.SubElement(joint, 'limit', lower=_number(-most), upper=_number(most),
-                           velocity=_number(speed), effort='100')
-
-
-def _ends(joint, parent, child, axis):
-    ElementTree.SubElement(joint, 'parent', link=parent)
-    ElementTree.SubElement(joint, 'child', link=child)
-    ElementTree.SubElement(joint, 'axis', xyz=axis)
 
 
 def _placed(element, xyz, rpy):

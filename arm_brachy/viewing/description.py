@@ -9,8 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from arm_brachy.robot.rigid_body import Arm
-from arm_brachy.robot.urdf import BASE, origin_of, panda_urdf
+from arm_brachy.robot.urdf import origin_of
 from arm_brachy.viewing.drawing import PAD_THICKNESS
 
 ROD = 6e-3     # m, diameter of the rod behind a pad
@@ -21,7 +20,8 @@ def description(frame, pads, strokes, speed, arm=None):
     """Return the URDF (text) of a cell.
 
     frame : of the base;  pads : drawing.Pad;  strokes : (p,) [m];  speed : [m/s]
-    arm : (R, p, joint names) of the Panda's base in the base frame, None = there is none
+    arm : (R, p, name, URDF) of the base of what holds the probe: where its base is in the base
+        frame, the name of that link, the rest as text; None = there is none
     """
     robot = ElementTree.Element('robot', name='arm_brachy')
     ElementTree.SubElement(robot, 'link', name=frame)
@@ -64,13 +64,13 @@ def _cylinder(link, axis, along, radius, length):
                            length=repr(float(length)))
 
 
-def _arm(robot, frame, R, p, joint_names):
-    robot.extend(ElementTree.fromstring(panda_urdf(Arm.panda(), joint_names)))
+def _arm(robot, frame, R, p, base, urdf):
+    robot.extend(ElementTree.fromstring(urdf))
     joint = ElementTree.SubElement(robot, 'joint', name='arm_base_joint', type='fixed')
     ElementTree.SubElement(joint, 'origin', xyz=_text(p),
                            rpy=_text(Rotation.from_matrix(R).as_euler('xyz')))
     ElementTree.SubElement(joint, 'parent', link=frame)
-    ElementTree.SubElement(joint, 'child', link=BASE)
+    ElementTree.SubElement(joint, 'child', link=base)
 
 
 def _text(values):

@@ -20,6 +20,7 @@ from arm_brachy.robot.scissor_parameters import ScissorHolderParams
 from arm_brachy.robot.scissor_place import base_axes, linkage_line
 from arm_brachy.robot.scissor_rcm import ScissorParams, tip
 from arm_brachy.robot.scissor_stiffness import Section, carrier_compliance, layout
+from arm_brachy.robot.scissor_urdf import BASE, link_frames
 
 PARAMS = ProbeArmParams(probe_holder='scissor_rcm', strategy='orientation', clearance=0.015)
 OWN = PARAMS.scissor_rcm
@@ -311,6 +312,13 @@ def test_the_urdf_has_the_frames_of_the_kinematics(links):
         drawing.place(q)
         at, (R, p) = put(made, q), drawing.frame('scissor_probe')
         assert np.allclose(R, at.R, atol=1e-6) and np.allclose(p, at.p, atol=1e-6)
+        told = {BASE: (base_axes(own.axis), CENTRE)}
+        for parent, child, turn, shift in link_frames(own.linkage, q):      # as on /tf
+            R, p = told[parent]
+            told[child] = R @ turn, p + R @ shift
+        for link in told.keys() - {BASE}:
+            assert np.allclose(told[link][0], drawing.frame(link)[0], atol=1e-6)
+            assert np.allclose(told[link][1], drawing.frame(link)[1], atol=1e-6)
         line = linkage_line(own, q)[1:-1]
         ends = {'left': line[-1], 'right': line[0]}
         for side, end in ends.items():

@@ -1,9 +1,11 @@
 """The URDF against PyBullet, which reads it, and frames on /tf against the arm's kinematics."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
-from arm_brachy.cell import build_description, build_stage
+from arm_brachy.cell import arm_base_name, arm_frames, build_description, build_stage
 from arm_brachy.core.paths import config_dir
 from arm_brachy.robot.panda_parameters import DH
 from arm_brachy.robot.rigid_body import frames
@@ -49,3 +51,15 @@ def test_pads_of_the_model_stand_where_they_are_drawn(cell, tmp_path):
     for pad in pads:
         assert np.allclose(where[pad.name][0], pad.at(0.012), atol=1e-9)
         assert np.allclose(where[pad.name][1], [0, 0, 0, 1])
+
+
+def test_every_frame_of_the_linkage_is_a_link_of_the_model():
+    """What a viewer is told on /tf it finds in the URDF, under the base that it was told."""
+    other = load_cell(config_dir() / 'scenarios' / 'probe_scissor.yaml')
+    links = {link.get('name') for link in ElementTree.fromstring(
+        build_description(other, 'cell_base')).iter('link')}
+    named = {arm_base_name(other)}
+    for parent, child, _, _ in arm_frames(other, np.array([0.2, 0.8, -1.5, 0.15])):
+        assert parent in named and child in links
+        named.add(child)
+    assert 'scissor_probe' in named and named <= links
