@@ -28,6 +28,7 @@ NODES = (
     'recorder',
     'replayer',
     'cell_viewer',
+    'live_view',
     'supervisor',
 )
 

@@ -140,7 +140,7 @@ class Launcher:
         child = subprocess.Popen(
             spec.argv(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log,
             env=_environment(domain, self._log_dir), start_new_session=True,
-            preexec_fn=_die_with_parent)
+            preexec_fn=die_with_parent)
         log.close()
         self._children[spec.name] = child
         listener = threading.Thread(target=self._listen, args=(spec.name, child), daemon=True)
@@ -218,7 +218,8 @@ def _signal(child, number):
             pass
 
 
-def _die_with_parent():
+def die_with_parent():
+    """For `preexec_fn`: the child gets SIGINT should the parent end, however it does."""
     _prctl(PR_SET_PDEATHSIG, signal.SIGINT)
 
 

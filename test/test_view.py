@@ -5,7 +5,7 @@ import pytest
 
 from arm_brachy import view
 from arm_brachy.cli.view import view as command
-from arm_brachy.core.errors import RecordingError
+from arm_brachy.core.errors import InputError, RecordingError
 from arm_brachy.evaluation.timeseries import PadMark, RunData, Series, TaskWindow
 from arm_brachy.recording.writer import BagWriter
 
@@ -23,7 +23,13 @@ def test_a_bag_with_nothing_to_draw_is_refused_in_one_line(tmp_path):
 
 def test_what_is_no_bag_is_refused(tmp_path):
     with pytest.raises(RecordingError, match='no such bag'):
-        command.callback(bag=str(tmp_path / 'none'), port=0, browser=False)
+        command.callback(bag=str(tmp_path / 'none'), live=False, port=0, browser=False)
+
+
+@pytest.mark.parametrize(('bag', 'live', 'got'), [('x', True, 'both'), (None, False, 'neither')])
+def test_a_bag_or_the_live_cell(bag, live, got):
+    with pytest.raises(InputError, match=f'got {got} of BAG and --live'):
+        command.callback(bag=bag, live=live, port=0, browser=False)
 
 
 def test_the_error_is_of_the_controlled_axes_in_mm():

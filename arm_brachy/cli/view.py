@@ -1,20 +1,28 @@
-"""`arm-brachy view`: a recording in the browser."""
+"""`arm-brachy view`: a recording, or the live cell, in the browser."""
 
+import json
+import os
+import subprocess
 import webbrowser
 
 import click
 
 from arm_brachy.cli.output import console, working
+from arm_brachy.core.errors import ArmBrachyError, InputError
+from arm_brachy.launcher import NodeProcess, die_with_parent, node_environment
 from arm_brachy.view import bag_pages
 from arm_brachy.viewing.server import PageServer
 
 
 @click.command()
-@click.argument('bag', type=click.Path())
+@click.argument('bag', type=click.Path(), required=False)
+@click.option('--live', is_flag=True,
+              help='Show the cell that runs in the DDS domain $ROS_DOMAIN_ID of this machine, and '
+                   'set its goals.')
 @click.option('--port', default=0, type=click.IntRange(0, 65535), metavar='N',
               help='Of this machine, 127.0.0.1; default: a free one.')
 @click.option('--browser/--no-browser', default=True, help='Open the page. Default: yes.')
-def view(bag, port, browser):
+def view(bag, live, port, browser):
     """Show a BAG in the browser: body, forces, pictures, curves over time.
 
     The page is served to this machine alone and asks nobody else for anything. Ctrl-C ends it.
@@ -23,15 +31,46 @@ def view(bag, port, browser):
     Example:
       arm-brachy view runs/target_1/bag
     """
+    if live == bool(bag):
+        given = 'both' if live else 'neither'
+        raise InputError(f'view: got {given} of BAG and --live; give one of them')
+    if live:
+        _show_live(port, browser)
+    else:
+        _show_bag(bag, port, browser)
+
+
+def _show_bag(bag, port, browser):
     with working(f'reading {bag}'):
         pages = bag_pages(bag)
     server = PageServer(port, pages)
-    console.print(f'view    {server.address}   (Ctrl-C ends it)')
-    if browser:
-        webbrowser.open(server.address)
+    _say(server.address, browser)
     try:
         server.serve_forever()
     except KeyboardInterrupt:
         pass
     finally:
         server.server_close()
+
+
+def _show_live(port, browser):
+    """Node live_view in a process of its own, as every node; Ctrl-C reaches it too."""
+    argv = NodeProcess('live_view', {'port': str(port)}).argv()
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent,
+                          env={**os.environ, **node_environment()}) as node:
+        try:
+            for line in node.stdout:
+                _say(json.loads(line)['progress']['address'], browser)
+            status = node.wait()
+        except KeyboardInterrupt:
+            return
+    if status:
+        error = ArmBrachyError('live_view has ended; what it said stands above')
+        error.exit_status = status
+        raise error
+
+
+def _say(address, browser):
+    console.print(f'view    {address}   (Ctrl-C ends it)')
+    if browser:
+        webbrowser.open(address)

@@ -1,5 +1,6 @@
 """Shapes and frames to the messages of viewers: the part of `convert` that cell_viewer needs."""
 
+import numpy as np
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
 from scipy.spatial.transform import Rotation
@@ -8,7 +9,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from arm_brachy.nodes import convert
-from arm_brachy.viewing.shapes import Kind, palette, rounded, shade_index
+from arm_brachy.viewing.shapes import SHADES, Kind, Shape, palette, rounded, shade_index
 
 TYPES = {Kind.TRIANGLES: Marker.TRIANGLE_LIST, Kind.SPHERES: Marker.SPHERE_LIST,
          Kind.DOTS: Marker.POINTS, Kind.LINE: Marker.LINE_STRIP, Kind.ARROW: Marker.ARROW,
@@ -100,3 +101,27 @@ def joined_joints(t_ns, states):
         for key in ('position', 'velocity', 'effort'):
             getattr(joined, key).extend(getattr(state, key))
     return joined
+
+
+def shapes(msg):
+    """Yield the viewing.shapes of a MarkerArray that `markers` made; others are left out."""
+    kinds = {number: kind for kind, number in TYPES.items()}
+    for marker in msg.markers:
+        if marker.action == Marker.ADD and marker.type in kinds:
+            yield _shape(kinds[marker.type], marker)
+
+
+def _shape(kind, msg):
+    c, s = msg.color, msg.scale
+    R, p = convert.rigid(msg.pose)
+    points = np.array([[q.x, q.y, q.z] for q in msg.points]) if msg.points else p[None]
+    triangles = shades = None
+    if kind is Kind.TRIANGLES:
+        points, first, which = np.unique(points, axis=0, return_index=True, return_inverse=True)
+        triangles = which.reshape(-1, 3)
+        if msg.colors:
+            seen = np.array([[msg.colors[k].r, msg.colors[k].g, msg.colors[k].b] for k in first])
+            away = np.linalg.norm(seen[:, None] - palette(), axis=2)
+            shades = away.argmin(axis=1) / (SHADES - 1)
+    return Shape(msg.ns, kind, points, (c.r, c.g, c.b, c.a), s.x, triangles, shades, R,
+                 (s.x, s.y, s.z), msg.text)

@@ -97,7 +97,7 @@ class Stage {
       {place: this.buffer(body.place), normal: this.buffer(body.normal),
        index: this.corners(body.index), count: body.index.length};
     this.changing = {place: gl.createBuffer(), normal: gl.createBuffer(), tint: gl.createBuffer()};
-    this.surfaces = film.meshes.map(m => ({list: m, index: this.corners(m)}));
+    this.surfaces = []; this.hear(film.meshes);
     this.turn = -0.6; this.lift = 0.45;
     this.handle();
   }
@@ -116,6 +116,10 @@ class Stage {
     this.slots = {place: this.at('place'), normal: this.at('normal'), tint: this.at('tint')};
     gl.enable(gl.DEPTH_TEST); gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+  }
+  hear(meshes) {                   // those of a frame that stands alone take the place of the old
+    for (const old of this.surfaces) this.gl.deleteBuffer(old.index);
+    this.surfaces = meshes.map(m => ({list: m, index: this.corners(m)}));
   }
   buffer(values) { const gl = this.gl, b = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, b);

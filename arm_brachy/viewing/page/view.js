@@ -67,3 +67,69 @@ function openView(data) {
   window.view = playFilm(document.querySelector('.stage'), data, hear);
   return {view: window.view, curves, look};
 }
+
+// --- the live cell
+const KEPT = 600;                        // samples of a curve
+
+function openLive(data, token) {
+  const root = document.querySelector('.stage'), aside = document.querySelector('aside');
+  root.querySelector('.controls').hidden = true;
+  const film = data, player = playFilm(root, film), stage = player.stage, curves = {};
+  const figure = document.querySelector('#picture'), image = figure.querySelector('img');
+  figure.hidden = true;
+  let number = 0, busy = false;
+  image.addEventListener('load', () => { busy = false; figure.hidden = false; });
+  image.addEventListener('error', () => { busy = false; });
+  const take = frame => {
+    film.layers = frame.layers; stage.hear(frame.meshes);
+    const [t, order] = frame.frames[0];
+    stage.show(order.map(k => frame.shapes[k])); stage.list();
+    for (const [title, lines] of Object.entries(frame.values)) {
+      const curve = curves[title] = curves[title] || new Curves(aside, {title, lines: []}, [t, t]);
+      for (const [name, y] of Object.entries(lines)) {
+        let line = curve.plot.lines.find(l => l.name === name);
+        if (!line) { line = {name, t: [], y: []}; curve.plot.lines.push(line); curve.name(); }
+        line.t.push(t); line.y.push(y);
+        if (line.t.length > KEPT) { line.t.shift(); line.y.shift(); }
+      }
+      curve.span = [Math.min(...curve.plot.lines.map(l => l.t[0])), t]; curve.at(t);
+    }
+    if (!busy) { busy = true; image.src = `/picture?n=${++number}`; }
+    document.querySelector('header p').textContent = `t = ${t.toFixed(2)} s`;
+  };
+  const events = new EventSource('/events');
+  let newest = null;                     // a page that is slow leaves frames out, it does not lag
+  const draw = () => { const text = newest; newest = null; take(JSON.parse(text)); };
+  events.onmessage = event => {
+    if (newest === null) requestAnimationFrame(() => setTimeout(draw));
+    newest = event.data; };
+  window.view = {stage, film, heard: () => number};
+  command(token);
+}
+function command(token) {
+  const box = document.querySelector('.command'), say = box.querySelector('.answer');
+  const ask = async (path, value) => {
+    say.textContent = '…';
+    try {
+      const answer = await fetch(path, {method: 'POST', body: JSON.stringify(value),
+                                        headers: {'X-Arm-Brachy-Token': token}});
+      say.textContent = await answer.text();
+    } catch { say.textContent = 'the server of this page has ended'; }
+  };
+  for (const slider of box.querySelectorAll('input.goal')) {
+    const label = slider.parentElement.querySelector('output');
+    slider.addEventListener('input', () => { label.textContent = slider.value; slider.dataset.used = 1; });
+    slider.addEventListener('change', () => {
+      const goal = {};
+      for (const one of box.querySelectorAll('input.goal'))
+        if (one.dataset.used) goal[one.dataset.axis] = +one.value;
+      ask('/goal', {target: box.querySelector('select').value, mm: goal});
+    });
+  }
+  box.querySelector('select').addEventListener('change', () => {
+    for (const one of box.querySelectorAll('input.goal')) {
+      one.value = 0; delete one.dataset.used; one.parentElement.querySelector('output').textContent = '0'; }
+  });
+  for (const button of box.querySelectorAll('button'))
+    button.addEventListener('click', () => ask('/do', {what: button.dataset.do}));
+}
