@@ -69,7 +69,7 @@ function openView(data) {
 }
 
 // --- the live cell
-const KEPT = 600;                        // samples of a curve
+const KEPT = 600, DATED = 1e8;           // samples of a curve; s beyond which a time is a date
 
 function openLive(data, token) {
   const root = document.querySelector('.stage'), aside = document.querySelector('aside');
@@ -77,12 +77,14 @@ function openLive(data, token) {
   const film = data, player = playFilm(root, film), stage = player.stage, curves = {};
   const figure = document.querySelector('#picture'), image = figure.querySelector('img');
   figure.hidden = true;
-  let number = 0, busy = false;
+  let number = 0, busy = false, began = null;
   image.addEventListener('load', () => { busy = false; figure.hidden = false; });
   image.addEventListener('error', () => { busy = false; });
   const take = frame => {
     film.layers = frame.layers; stage.hear(frame.meshes);
-    const [t, order] = frame.frames[0];
+    const [stamp, order] = frame.frames[0];
+    if (began === null) began = stamp > DATED ? stamp : 0;
+    const t = stamp - began;               // dates count from when the page was opened
     stage.show(order.map(k => frame.shapes[k])); stage.list();
     for (const [title, lines] of Object.entries(frame.values)) {
       const curve = curves[title] = curves[title] || new Curves(aside, {title, lines: []}, [t, t]);
