@@ -43,7 +43,7 @@ class ProcedureData:
     probe, probe_told : Series (n, 12), rotation row by row and position, true and by encoders
     state : Series (n, 4) of phase, contact, force goal, distance of the tip from the image plane
     force : Series (n,) contact force of every period of the controller
-    joints, torque : Series (n, 7)
+    joints, torque : Series (n, k) of the joints, of an evaluation those that turn
     frames : Frame, a few;  picture : ArmPicture or None
     shafts : t [s] -> (k, 3) [m] of the true needle, template to tip
     target : its name;  strategy, control, overlay : what ran
