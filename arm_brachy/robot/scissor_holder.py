@@ -27,7 +27,7 @@ _REST = 500          # readings in each posture of the weighing
 _POSTURES = ((0.5, -0.4, 0.0), (0.2, 0.0, 0.5), (0.8, 0.0, -0.5), (0.5, 0.4, 1.0), (0.6, 0.0, 0.0))
 _NEAR = 2e-3         # m from the end of a retreat
 _OFF = 1e-3          # m by which an axis may miss the centre
-_INTEGRAL = 0.5      # N s, largest: a standing error of 3 N for the rise of 0.15 s
+_INTEGRAL = 0.5      # N s, largest: acts as 1.5 N of error at the default rate of the integral
 JOINT_NAMES = ('scissor_theta_0', 'scissor_theta_1', 'scissor_spin', 'scissor_stage')
 
 
