@@ -4,7 +4,7 @@ The comment before a block says of which kind it is:
     set-up              make; only a dry run, as a test runs inside what it makes
     ROS machine         an Ubuntu with ROS 2; the build is test_colcon_build.py's
     laboratory          a laboratory's files, which are made here; those of one document together
-    long, and laboratory, long      of minutes and hours: every command's words are parsed, its
+    long, and laboratory, long      of minutes and hours, or until Ctrl-C: the words are parsed,
                         scenarios are run by test_shipped_scenarios.py
     node, node, second shell    together, with the script of the Python block between them
     new term            the tutorial's files and line of the registry, in a copy of the tree
