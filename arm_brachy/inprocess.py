@@ -269,15 +269,24 @@ class InProcess:
 
     def set_goal(self, position):
         """Bring the procedure's target to a position (3,) [m]; returns a refusal, '' if none."""
+        answer, refusal = self._pursue(position)
+        if answer is not None:
+            asked = self._cell.scenario.procedure
+            self._goal = (asked, self.t, answer, np.array([a in asked.axes for a in 'xyz']))
+        return refusal
+
+    def shift_goal(self, position):
+        """As set_goal, for a correction of the goal, which is no task of its own."""
+        return self._pursue(position)[1]
+
+    def _pursue(self, position):
         asked = self._cell.scenario.procedure
         axes = tuple(a in asked.axes for a in 'xyz')
         try:
-            answer = self.control.pursue(Goal(asked.target, tuple(position), GoalKind.POSITION,
-                                              axes))
+            return self.control.pursue(Goal(asked.target, tuple(position), GoalKind.POSITION,
+                                            axes)), ''
         except CommandRefused as refusal:
-            return str(refusal)
-        self._goal = (asked, self.t, answer, np.array(axes))
-        return ''
+            return None, str(refusal)
 
     def release(self):
         """Drop the goal and send the pads home; returns a refusal, '' if none."""

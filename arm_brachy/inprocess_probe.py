@@ -151,7 +151,7 @@ class ProbeSide:
     def conduct(self, t, pads_home, loop):
         """Step the procedure and carry out its orders; returns True once all is over.
 
-        loop : has set_goal(position) -> refusal or '', and release() -> refusal or ''
+        loop : has set_goal(position), shift_goal(position), release(): refusal or ''
         """
         p, step = self.procedure, self._step
         p.hear_pads(pads_home)
@@ -170,6 +170,8 @@ class ProbeSide:
         refusal = ''
         if order.kind is Kind.SET_GOAL:
             refusal = loop.set_goal(order.value)
+        elif order.kind is Kind.SHIFT:
+            refusal = loop.shift_goal(order.value)
         elif order.kind is Kind.ARRIVED:
             loop.end_move()
         elif order.kind is Kind.RELEASE:

@@ -32,16 +32,20 @@ class OverlayReader:
         """The tip is at p (3,) [m] in the image of time t [s]."""
         self._tip = t, np.array(p, dtype=float)
 
+    def tip(self, t):
+        """(3,) [m] where the images show the tip, None if that is older than a look."""
+        return None if self._tip is None or self._tip[0] < t - self._params.look else self._tip[1]
+
     def look(self, t, on_path, plan, needle):
         """Return the roll [rad] that the base shall have, None = leave it.
 
         on_path : callable, point (3,) -> (level point of the path (3,), rest of the path [m])
         plan : NeedlePlan;  needle : NeedleCourse
         """
-        if t < self._next or self._tip is None or self._tip[0] < t - self._params.look:
+        tip = self.tip(t)
+        if t < self._next or tip is None:
             return None
         self._next = t + self._params.look
-        tip = self._tip[1]
         path, rest = on_path(tip)
         off, axis = tip - path, needle.axis
         self._looks.append((rest, off - axis * (axis @ off)))

@@ -8,7 +8,9 @@
     APPROACHING  probe onto the skin over the tip
     INSERTING    needle to its depth, which follows the target: as estimated, and as seen once the
                  images show it; it waits for the probe where it must; the person who sees the
-                 overlay turns it back onto its path
+                 overlay turns it back onto its path; the pads may take the target onto where
+                 the tip will be, as the images show both (Mallapragada, Sarkar, Podder 2009,
+                 IEEE Trans Robot 25:316)
     DWELLING     at the target
     WITHDRAWING  needle out, RETRACTING probe off, HOMING pads home, FINISHED
 Each step has a time limit. A failure names its outcome once; then needle, probe and pads go back
@@ -32,6 +34,7 @@ MOVE = 'bring_target'   # name of the task during which the pads move the target
 AVERAGED = 1.0      # s of estimates whose mean is where the target is
 _FRESH = 0.5        # s, age from which on an estimate says nothing any more
 _STEP = 0.2e-3      # m by which a wanted depth has to change before it is ordered
+_SHIFT = 0.3e-3     # m by which a wanted goal has to: three errors of what the images show
 _ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: depth sensor's error
 _OUT = 1.5e-3       # m of told depth below which the needle is out
 
@@ -57,6 +60,7 @@ class Kind(Enum):
     """What can be ordered; the value is `Order.value`'s meaning."""
 
     SET_GOAL = 'position (3,) [m] of the target'
+    SHIFT = 'position (3,) [m] of the target, corrected: the same task'
     ARRIVED = 'nothing: the target is at its goal, which the pads keep'
     RELEASE = 'nothing: drop the goal and send the pads home'
     SCAN = 'nothing: scan the skin'
@@ -115,7 +119,7 @@ class Procedure:
         self.phase, self.outcome, self.message, self.plan = Phase.SETTLING, Outcome.OK, '', None
         self._since, self._t = None, 0.0
         self._target, self._at_home = deque(), False
-        self._seen = None
+        self._seen, self._goal, self._next_shift = None, None, 0.0
         self._needle, self._probe = NeedleSeen(0.0), ProbeSeen()
         self._error, self._calm_since = np.inf, None
         self._surfaces, self._scanned = 0, 0
@@ -219,7 +223,7 @@ class Procedure:
             self._fail(why.outcome, str(why))
             return None
         self._enter(Phase.MOVING)
-        self._pursued = True
+        self._pursued, self._goal = True, self.plan.goal
         return [Order(Kind.SET_GOAL, tuple(self.plan.goal))]
 
     def _moving(self):
@@ -267,8 +271,9 @@ class Procedure:
         depth = self._depth_wanted()
         if self._must_wait():
             return self._wait()
-        orders = self._steer()
-        if self._there(depth):
+        orders = self._steer() + self._shift(depth)
+        # Not at once: the tip has to be there for the images to show where the target is.
+        if self._lasts_calm(self._there(depth)):
             self._enter(Phase.DWELLING)
             return [*orders, Order(Kind.STAY)]
         if self._waits is not None or self._depth is None or abs(depth - self._depth) > _STEP:
@@ -337,14 +342,37 @@ class Procedure:
         What the images show counts before the estimate, which knows nothing of the loads of probe
         and needle.
         """
-        here = self.target
-        if self._seen is not None and self._seen[0] >= self._t - _FRESH:
-            here = self._seen[1]
+        here = self.target if self._target_seen is None else self._target_seen
         if here is None:
             return self.plan.depth if self._depth is None else self._depth
         depth = self._course.depth_at(self.plan.hole, self.plan.roll, here)
         near = self.plan.depth + np.array([-1.0, 1.0]) * self.params.reach
         return float(np.clip(depth, max(0.0, near[0]), min(self._course.length, near[1])))
+
+    @property
+    def _target_seen(self):
+        """(3,) [m] where the images show the target, None if they do not now."""
+        if self._seen is None or self._seen[0] < self._t - _FRESH:
+            return None
+        return self._seen[1]
+
+    def _shift(self, depth):
+        """The target's goal anew, by how far the tip will pass by it as the images show both.
+
+        depth : [m] at which they are level; the rest of the way is the plan's course. The pads
+        hear the estimate: its goal is where it is now, and as much further as the images say.
+        """
+        tip, target = self._reader.tip(self._t), self._target_seen
+        if not self.params.recentre or tip is None or target is None or not self._target:
+            return []
+        roll, axis = self.plan.roll, self._course.axis
+        rest = self._course.offset(roll, depth) - self._course.offset(roll, self._needle.depth)
+        change = self._target[-1][1] + tip + rest - target - self._goal
+        change = np.where(self._axes, change - axis * (axis @ change), 0.0)
+        if self._t < self._next_shift or not _SHIFT < np.linalg.norm(change) <= self.params.reach:
+            return []
+        self._goal, self._next_shift = self._goal + change, self._t + self.params.calm
+        return [Order(Kind.SHIFT, tuple(self._goal))]
 
     def _must_wait(self):
         """True while the tip is ahead of the image plane, or the probe has no contact."""

@@ -60,6 +60,7 @@ class ProcedureParams:
     hole : column and row of the template, the first of each 0; empty = chosen
     axes : of the world in which the pads move the target
     overlay : the person sees the template's holes over the image, and corrects
+    recentre : the pads take the target, once the images show it, onto where the tip will be
     """
 
     target: str
@@ -69,6 +70,8 @@ class ProcedureParams:
                                                     default=('x', 'y'))
     overlay: bool = word("the template's holes are drawn over the image, and the person who "
                          'looks corrects', default=True)
+    recentre: bool = word('the pads take the target, once the images show it, onto where the tip '
+                          'will be', default=False)
     reach: float = quantity(8.0, 'mm', 'largest displacement of the target by the pads', low=0.0,
                             high=50.0, source='tasks of 5 mm and their diagonal, thesis ch. 3')
     tolerance: float = quantity(0.5, 'mm', 'distance from its goal at which the target has '

@@ -45,7 +45,7 @@ class CavityDetectorParams:
                            source='ten copies of the comet tail')
     step: float = quantity(0.2, 'mm', 'between planes that count as two', low=0.01, high=10.0,
                            source='a tenth of the width of the beam across the plane')
-    planes: int = word('fewest planes that make a centre', default=4)
+    planes: int = word('fewest planes that make a centre', default=3)
     memory: float = quantity(6.0, 's', 'for which a plane counts', low=0.1, high=600.0,
                              source='own choice: the tissue moves under needle and probe')
     refresh: float = quantity(0.5, 's', 'after which a plane in the same place takes its place',
@@ -54,7 +54,7 @@ class CavityDetectorParams:
                             source='half the correlation length of speckle across the plane')
     correlated: float = quantity(10.0, '', 'edges of an outline that say as much as one', low=1.0,
                                  high=1e3, source='5 mm of an outline of 25 mm')
-    sd_most: float = quantity(1.2, 'mm', 'sd of a centre that is worth telling, in the worst '
+    sd_most: float = quantity(1.5, 'mm', 'sd of a centre that is worth telling, in the worst '
                               'direction', low=0.01, high=10.0, source='own choice')
 
 

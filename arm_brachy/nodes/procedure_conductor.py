@@ -88,8 +88,8 @@ class ProcedureConductor:
             done.set_result(None)
             return
         order, rest = orders[0], orders[1:]
-        if order.kind is Kind.SET_GOAL:
-            self._set_goal(t_ns, order.value, lambda: self._next(t_ns, rest, done))
+        if order.kind in (Kind.SET_GOAL, Kind.SHIFT):
+            self._set_goal(t_ns, order, lambda: self._next(t_ns, rest, done))
         elif order.kind is Kind.ARRIVED:
             self._say_task(t_ns, TaskState.DONE)
             self._next(t_ns, rest, done)
@@ -124,17 +124,19 @@ class ProcedureConductor:
         self._health.refuse(t_ns, Outcome.REJECTED, message)
         self.procedure.refused(message)
 
-    def _set_goal(self, t_ns, goal, then):
+    def _set_goal(self, t_ns, order, then):
+        """Of a new task, of which is told, or of the same one."""
         request = SetGoal.Request(
             header=convert.header(t_ns, self._frame), target=self._task.target, relative=False,
-            goal=convert.point(goal), axes=self._axes)
+            goal=convert.point(order.value), axes=self._axes)
 
         def answered(future):
             answer = future.result()
-            self._task.start, self._task.goal = answer.start, answer.reference
-            self._task.axes = request.axes
-            self._say_task(t_ns, TaskState.ACTIVE if answer.accepted else TaskState.REFUSED,
-                           answer.message)
+            if order.kind is Kind.SET_GOAL:
+                self._task.start, self._task.goal = answer.start, answer.reference
+                self._task.axes = request.axes
+                self._say_task(t_ns, TaskState.ACTIVE if answer.accepted else TaskState.REFUSED,
+                               answer.message)
             if not answer.accepted:
                 self._refused(t_ns, answer.message)
             then()

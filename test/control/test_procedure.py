@@ -84,7 +84,7 @@ class Toy:
     def _obey(self, order):
         self.orders.append(order.kind)
         kind, value = order.kind, order.value
-        if kind is Kind.SET_GOAL:
+        if kind in (Kind.SET_GOAL, Kind.SHIFT):
             self.goal, self.home = np.array(value), False
         elif kind is Kind.RELEASE:
             self.goal, self.home = None, 'home' not in self.broken
@@ -155,12 +155,32 @@ def test_what_the_images_show_of_the_target_counts_before_the_estimate():
     toy.seen_off = off
     toy.run(until=Phase.DWELLING)
     assert abs(toy.p[0] - (toy.target + off)[0]) < 0.7e-3
+    late = Toy(overlay=False).run(until=Phase.INSERTING)
+    while abs(late.p[0] - late.target[0]) > 0.6e-3:
+        late.tick()
+    late.run(seconds=0.5)
+    assert late.procedure.phase is Phase.INSERTING      # seen only when the tip is there already
+    late.seen_off = off
+    late.run(until=Phase.DWELLING)
+    assert abs(late.p[0] - (late.target + off)[0]) < 0.7e-3
     lost = Toy(overlay=False).run(until=Phase.INSERTING)
     lost.seen_off = off
     lost.tick()
     lost.seen_off = None            # out of sight again: the estimate it is
     lost.run(until=Phase.DWELLING)
     assert abs(lost.p[0] - lost.target[0]) < 0.7e-3
+
+
+@pytest.mark.parametrize('recentre', [True, False])
+def test_pads_take_a_target_that_is_seen_beside_the_needle_onto_its_way(recentre):
+    """The needle bends more than planned, 1/0.33 against 1/0.4 per metre: 2.8 mm over 0.1 m."""
+    toy = Toy(overlay=False, radius=0.33, recentre=recentre, dwell=3.0,
+              axes=('x', 'y', 'z')).run(until=Phase.INSERTING)
+    toy.seen_off = np.zeros(3)
+    toy.run(until=Phase.WITHDRAWING)
+    assert (Kind.SHIFT in toy.orders) == recentre and toy.orders.count(Kind.SET_GOAL) == 1
+    beside = np.linalg.norm((toy.p - toy.target)[1:])
+    assert beside < 0.5e-3 if recentre else beside > 2e-3
 
 
 @pytest.mark.parametrize(('broken', 'phase', 'outcome'), [
