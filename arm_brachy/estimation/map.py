@@ -120,7 +120,8 @@ class Map:
 
     def linearised(self, q):
         """map_update.Point of the model as it is, at travel q (p,) [m]. Raises NotConverged."""
-        return self._linearised(np.asarray(q, dtype=float), np.zeros(self._k), self._at)
+        at = self._linearised(np.asarray(q, dtype=float), np.zeros(self._k), self._at)
+        return self._renewed() if at.stale else at
 
     def step(self, surface):
         """Return the Estimate of a Surface; what could not be taken in leaves the state."""
@@ -160,10 +161,21 @@ class Map:
             at = self._linearised(surface.q, theta, at)
 
     def _start(self, q, theta):
-        """The last Point, moved along with the pads while these are near, else one at q."""
+        """The last Point, moved along with the pads while these are near, else one at q.
+
+        Where pads go on, one frame solves and the next one differentiates.
+        """
         if self._at is not None and np.abs(q - self._at.q).max(initial=0.0) <= self.params.reuse:
-            return self._at.moved(q)
+            return (self._renewed() if self._at.stale else self._at).moved(q)
         return self._linearised(q, theta, self._at)
+
+    def _renewed(self):
+        """The last Point with the response at its own travel."""
+        forward, at = self._forward, self._at
+        fields, _, _ = forward.unknowns.applied(at.theta, at.q, at.x, forward.derivatives)
+        self._at = replace(at, response=forward.response(at.x, at.q, fields),
+                           by_pads=forward.pad_response(), stale=False)
+        return self._at
 
     def _linearised(self, q, theta, before):
         """Point at theta, or on the way to it from `before` as far as there is an equilibrium."""
@@ -177,16 +189,22 @@ class Map:
 
     def _solved(self, q, theta):
         forward, near = self._forward, self._at
-        if near is not None and np.abs(q - near.q).max(initial=0.0) <= NEAR:
+        if near is not None and np.abs(q - near.q).max(initial=0.0) > NEAR:
+            near = None
+        if near is not None:
             self._x = near.moved(q).x
         fields, offset, shift = forward.unknowns.applied(theta, q, self._x, forward.derivatives)
         x = forward.solve(self._x, q, fields, offset)
-        response = forward.response(x, q, fields)
         self._x = x
-        self._at = Point(theta, np.array(q, dtype=float), forward.points(x) + shift, response,
-                         forward.strain(x)**STRAINED, self._m, x, forward.pad_response(),
-                         self._loads)
-        return self._at
+        found = Point(theta, np.array(q, dtype=float), forward.points(x) + shift, None,
+                      forward.strain(x)**STRAINED, self._m, x, None, self._loads)
+        if near is None or near.stale or self.params.iterations > 1:
+            found = replace(found, response=forward.response(x, q, fields),
+                            by_pads=forward.pad_response())
+        else:
+            found = replace(found, response=near.response, by_pads=near.by_pads, stale=True)
+        self._at = found
+        return found
 
     def _outliers(self, surface, weights):
         names = np.array(self._forward.model.markers)[surface.seen]

@@ -22,7 +22,7 @@ class Point:
     response : (3w, k) d points / d theta;  strain : (w,) |F - I| to the power of map.STRAINED
     markers : how many of the points are markers;  x : (n, 3) [m] nodes
     by_pads : (3w + 3n, p) d (points, x) / d travel [1];  loads : how many unknowns, the last
-        ones, are local loads
+        ones, are local loads;  stale : the points are of q, response and by_pads of a travel near it
     """
 
     theta: np.ndarray
@@ -34,6 +34,7 @@ class Point:
     x: np.ndarray | None = None
     by_pads: np.ndarray | None = None
     loads: int = 0
+    stale: bool = False
 
     @property
     def by_loads(self):
@@ -99,14 +100,21 @@ def update(at, surface, state, params):
     structural[:, k + 6:] = 0.0
     z = (surface.markers - at.points[:at.markers]).ravel()[rows] + H[:, :k] @ at.theta
     known = (H - structural) @ state.average()   # by offsets from before
-    measured, weights, own = state.measured(H), np.ones(seen.sum()), own[rows]
-    for _ in range(SWEEPS):
-        white = params.noise**2 + own * np.repeat(1.0 / weights - 1.0, 3)
-        found = measured.conditioned(z, white, params.trust)
-        left = z - known - structural @ found.average()
+    measured, own = state.measured(H), own[rows]
+
+    def weighed(average):
+        left = z - known - structural @ average
         squared = (left**2 / (own + params.noise**2)).reshape(-1, 3).sum(axis=1)
-        weights = student_weights(squared, params.dof)
-    return found, weights
+        return student_weights(squared, params.dof)
+
+    def noise(weights):
+        return params.noise**2 + own * np.repeat(1.0 / weights - 1.0, 3)
+
+    weights = np.ones(seen.sum())
+    for _ in range(SWEEPS - 1):
+        weights = weighed(measured.average(z, noise(weights), params.trust))
+    found = measured.conditioned(z, noise(weights), params.trust)
+    return found, weighed(found.average())
 
 
 def _measurement(at, surface, own):

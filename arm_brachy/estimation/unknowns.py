@@ -135,20 +135,26 @@ class Unknowns:
         here = (linearisation.solver.assembler.forces(linearisation.x, fields),
                 interpolate(self._embedding, linearisation.x))
         slid = [s.changes(linearisation, *here) for s in self._slides]
-        none = {name: np.zeros((size, n)) for name, n in self._sizes.items()}
-        rates = none | {
+        rates = {
             'modulus': by_modulus @ self._modulus, 'bulk': p.bulk * bulk.sum(axis=1)[:, None],
             'fibres': p.fibres * self._fibre_rates(linearisation.x),
             'slides': p.offset * _columns([s[0] for s in slid], size),
             'force': -self._growth(q) * self._force, 'load': -self._load}
-        motions = none | {'pads': self._pad_motions(q), 'faces': self._face_motions(q)}
+        motions = {'pads': self._pad_motions(q), 'faces': self._face_motions(q)}
         if self._base:
             motions['base'] = p.base * self._base.motions(linearisation)
         shift = np.zeros((len(self._embedding.nodes), 3, self.count))
         shift[:, :, self.part('slides')] = p.offset * np.moveaxis(
             np.array([s[1] for s in slid]).reshape(-1, *shift.shape[:2]), 0, 2)
-        return Derivatives(np.hstack(list(motions.values())), np.hstack(list(rates.values())),
+        return Derivatives(self._side_by_side(motions, size), self._side_by_side(rates, size),
                            shift)
+
+    def _side_by_side(self, parts, rows):
+        """(rows, k), zero where a kind of unknown has no part."""
+        out = np.zeros((rows, self.count))
+        for name, columns in parts.items():
+            out[:, self.part(name)] = columns
+        return out
 
     def part(self, name):
         """Return the slice of the unknowns of one kind, modulus, bulk, fibres, base,

@@ -269,3 +269,20 @@ def test_a_load_that_nobody_told_is_named_and_widens_the_ellipse(block):
     squared = [o @ np.linalg.solve(P, o) for o, P in zip(off, found.covariance, strict=True)]
     assert max(squared) < chi2.ppf(0.95, 3)
     assert found.covariance[0].trace() > 2.0 * quiet.covariance[0].trace()
+
+
+def test_a_frame_that_solves_and_one_that_differentiates_are_as_good_as_both_in_one(block):
+    """Pads that go on by more than `reuse`; the other estimator starts anew at every frame."""
+    params = replace(PARAMS, iterations=1, memory=1e-3, others=0.25, reuse=0.1e-3)
+    moved, fresh = (estimator.build(block.scene, (), block.targets, block.markers, params)
+                    for _ in range(2))
+    x, stale = moved._rest, []
+    for k, way in enumerate((0.0, 0.4e-3, 0.45e-3, 0.9e-3)):
+        x = moved._forward.solve(x, Q + [way, 0.0])
+        seen = Surface(0.1 * k, Q + [way, 0.0], moved._forward.points(x)[:moved._m] + 1e-4)
+        fresh.reset()
+        a, b = moved.step(seen), fresh.step(seen)
+        stale.append(moved._at.stale)
+        np.testing.assert_allclose(a.points, b.points, atol=5e-6)
+        assert np.linalg.norm(a.covariance - b.covariance) < 0.1 * np.linalg.norm(b.covariance)
+    assert stale == [False, True, False, True]
