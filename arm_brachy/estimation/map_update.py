@@ -22,7 +22,7 @@ class Point:
     response : (3w, k) d points / d theta;  strain : (w,) |F - I| to the power of map.STRAINED
     markers : how many of the points are markers;  x : (n, 3) [m] nodes
     by_pads : (3w + 3n, p) d (points, x) / d travel [1];  loads : how many unknowns, the last
-        ones, are local loads;  stale : the points are of q, response and by_pads of a travel near it
+        ones, are local loads;  stale : response and by_pads are of a travel near q
     """
 
     theta: np.ndarray
