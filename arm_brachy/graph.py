@@ -156,6 +156,8 @@ def estimate_positions(name):
                  "the estimator's nodes")
 
 
+# Moves something, or allows it: sealed with the key of the session, where there is one.
+SEALED = (COMMAND, NEEDLE_COMMAND, SAFETY)
 # Of a procedure: nobody says them where none of its nodes takes part.
 PROBE_TOPICS = (
     NEEDLE_COMMAND, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE, PROBE_JOINTS, PROBE_POSE, PROBE_WRENCH,
@@ -269,8 +271,8 @@ PUSH_PROTOCOL = NodeSpec(
 SUPERVISOR = NodeSpec(
     'supervisor', 'health, limits, emergency stop: actuators move only while it says run',
     publishes=(SAFETY, *EVERYWHERE),
-    subscribes=(WRENCH, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE),
-    same=('force_sensor', 'needle_driver', 'probe_controller'),
+    subscribes=(ACTUATORS, WRENCH, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE),
+    same=('actuator_driver', 'force_sensor', 'needle_driver', 'probe_controller'),
     services=('~/emergency_stop', '~/hold', '~/reset'))
 NEEDLE_DRIVER = NodeSpec(
     'needle_driver', 'the needle in its hole of the template: simulated motor or hand, and depth '
@@ -415,6 +417,11 @@ def writers(topic_name, peers):
         return ()
     return tuple(n.name for n in NODES if n.name in peers
                  and any(t.matches(topic_name) for t in n.publishes))
+
+
+def is_shared(topic):
+    """True for a topic that programs outside the cell may publish as well."""
+    return topic in (CLOCK, TF, OUTCOME, DIAGNOSTICS)
 
 
 def documentation_table():

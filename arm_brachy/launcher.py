@@ -22,7 +22,9 @@ from pathlib import Path
 from arm_brachy import graph
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import config_dir
+from arm_brachy.core.session import Session
 
+DISCOVERY = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 PR_SET_PDEATHSIG = 1       # linux/prctl.h
 DOMAINS = range(10, 100)   # ROS_DOMAIN_ID; up to 101 is safe on Linux whatever the port range
 # For a tick where an estimator takes part: it computes modes or a gain before it connects.
@@ -72,10 +74,16 @@ def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0, watch=False, vi
     wanted -= set() if viewer else {graph.CELL_VIEWER.name}
     names = [n.name for n in graph.NODES if n.name in wanted
              and (cell.scenario.pace == 'lockstep' or n is not graph.CELL_CLOCK)]
-    common = {'scenario': str(scenario_path), 'peers': names}
+    common = {'scenario': str(scenario_path), 'peers': names,
+              'session_key': str(session_key(bag))}
     extra = {'cell_clock': {'speed_limit': float(speed_limit), **_patience(names)},
              'recorder': {'output': str(bag)}}
     return [NodeProcess(n, {**common, **extra.get(n, {})}) for n in names]
+
+
+def session_key(bag):
+    """Where the key of the run that records into `bag` lies while it runs: beside the bag."""
+    return Path(f'{bag}.key').absolute()
 
 
 def replay_processes(cell, scenario_path, recording, live, bag):
@@ -103,11 +111,14 @@ class Launcher:
 
     processes : NodeProcess each;  leader : name of the one whose progress ends the run
     log_dir : receives <node>.log;  on_progress(name, values) : called from `run`
+    on_start(domain) : called before the first process, with its ROS_DOMAIN_ID
     """
 
-    def __init__(self, processes, leader, log_dir, on_progress=lambda name, values: None):
+    def __init__(self, processes, leader, log_dir, on_progress=lambda name, values: None,
+                 on_start=lambda domain: None):
         self._specs, self._leader = tuple(processes), leader
         self._log_dir, self._on_progress = Path(log_dir), on_progress
+        self._on_start = on_start
         self._children, self._listeners, self._lines = {}, {}, queue.Queue()
         self._interrupts = 0
 
@@ -119,14 +130,26 @@ class Launcher:
         self._log_dir.mkdir(parents=True, exist_ok=True)
         before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
         with _Domain() as domain:
+            keys = self._make_keys(domain)
+            self._on_start(domain)
             try:
                 for spec in self._specs:
                     self._start(spec, domain)
                 return self._watch()
             finally:
                 self._end_all()
+                for key in keys:
+                    key.unlink(missing_ok=True)
                 for number, handler in before.items():
                     signal.signal(number, handler)
+
+    def _make_keys(self, domain):
+        """One key for the nodes that are to have one; returns its path in a set, empty if none."""
+        keys = {Path(spec.parameters['session_key']) for spec in self._specs
+                if spec.parameters.get('session_key')}
+        for key in keys:
+            Session.create(key, domain)
+        return keys
 
     def pid_of(self, name):
         """Process id of a node."""
@@ -224,8 +247,11 @@ def die_with_parent():
 
 
 def node_environment():
-    """What every node runs under: this host only, one thread so that sums are reproducible."""
-    return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PYTHONUNBUFFERED': '1',
+    """What every node runs under: one thread so that sums are reproducible, and this host only.
+
+    Who sets ROS_AUTOMATIC_DISCOVERY_RANGE wants another range.
+    """
+    return {DISCOVERY: os.environ.get(DISCOVERY, 'LOCALHOST'), 'PYTHONUNBUFFERED': '1',
             'OMP_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'NUMBA_NUM_THREADS': '1',
             'OPENBLAS_NUM_THREADS': '1'}
 
@@ -233,6 +259,11 @@ def node_environment():
 def _environment(domain, log_dir):
     return {**os.environ, **node_environment(), 'ROS_DOMAIN_ID': str(domain),
             'ROS_LOG_DIR': str(log_dir)}
+
+
+def where(domain):
+    """One line: where in DDS a cell of ROS_DOMAIN_ID `domain` is to be found."""
+    return f'DDS domain {domain}, discovery {node_environment()[DISCOVERY]}'
 
 
 class _Domain:
@@ -257,6 +288,23 @@ class _Domain:
 
     def __exit__(self, *_):
         self._lock.close()
+
+
+_claimed = {}      # domain -> its lock, for as long as this process lives
+
+
+def claim_domain(domain):
+    """Take a domain for the life of this process; returns it.
+
+    Raises ArmBrachyError while another cell on this machine has it.
+    """
+    if domain not in _claimed:
+        lock = _lock(domain)
+        if lock is None:
+            raise ArmBrachyError(f'ROS_DOMAIN_ID = {domain} is in use by another cell on this '
+                                 'machine; set another one')
+        _claimed[domain] = lock
+    return domain
 
 
 def _lock(domain):

@@ -2,39 +2,73 @@
 
 Nodes, parameters, environment and time to close come from arm_brachy.launcher, which
 `arm-brachy run` uses too. The first node that ends, at the latest the one that has finished the
-scenario, ends all.
+scenario, ends all; one that ends with an error ends the launch with status 1, and says so.
 """
 
+import os
+
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
-from launch.event_handlers import OnProcessExit
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    LogInfo,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
+from launch.event_handlers import OnProcessExit, OnShutdown
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from arm_brachy import graph
+from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.paths import config_dir
+from arm_brachy.core.session import Session
 from arm_brachy.launcher import (
     PATIENCE_S,
     RECORDER_PATIENCE_S,
     cell_processes,
+    claim_domain,
     node_environment,
     ros_parameters,
+    session_key,
+    where,
 )
 from arm_brachy.scenario import load_cell
+
+DOMAIN = 'ROS_DOMAIN_ID'
 
 
 def _nodes(context):
     scenario = LaunchConfiguration('scenario').perform(context)
     bag = LaunchConfiguration('bag').perform(context)
+    processes = cell_processes(load_cell(scenario), scenario, bag)
+    domain = claim_domain(os.environ.get(DOMAIN) or '0')
+    key = session_key(bag)
+    Session.create(key, domain)
     nodes = [Node(package='arm_brachy', executable=p.name, name=p.name, output='log',
                   parameters=[str(ros_parameters()), p.parameters],
                   additional_env=node_environment(), sigterm_timeout=str(_patience(p.name)))
-             for p in cell_processes(load_cell(scenario), scenario, bag)]
-    ends = [RegisterEventHandler(OnProcessExit(target_action=n,
-                                               on_exit=[EmitEvent(event=Shutdown())]))
-            for n in nodes]
-    return nodes + ends
+             for p in processes]
+    ends = [RegisterEventHandler(OnProcessExit(target_action=node, on_exit=_ended(p.name, bag)))
+            for node, p in zip(nodes, processes, strict=True)]
+    forget = RegisterEventHandler(OnShutdown(
+        on_shutdown=lambda event, context: key.unlink(missing_ok=True)))
+    return [LogInfo(msg=f'{where(domain)}; records into {bag}, session key {key}'),
+            *nodes, *ends, forget]
+
+
+def _ended(name, bag):
+    """Event handler: the first node that ends, ends all; with an error it fails the launch."""
+    def handle(event, context):
+        if event.returncode and not context.is_shutdown:
+            raise ArmBrachyError(
+                f'{name} ended with status {event.returncode}; its log says why (ros2 launch '
+                f'names the folder above). What was recorded is in {bag}: arm-brachy recover '
+                f'{bag} {bag}_recovered')
+        return [EmitEvent(event=Shutdown(reason=f'{name} has ended; the recording is in {bag}: '
+                                                f'arm-brachy evaluate {bag}'))]
+    return handle
 
 
 def _patience(name):

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from arm_brachy import graph
+from arm_brachy import graph, launcher
+from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.launcher import RECORDER_PATIENCE_S, cell_processes, node_environment
 from arm_brachy.scenario import load_cell
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENARIO = ROOT / 'config' / 'scenarios' / 'target_1.yaml'
+DOMAIN = '98'
 PROBE = SCENARIO.with_name('probe_poor.yaml')
 
 
@@ -29,10 +31,13 @@ class Recorded:
 @pytest.fixture
 def launch_file(monkeypatch):
     """The module, on stand-ins that only remember their arguments."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', DOMAIN)
+    monkeypatch.delenv(launcher.DISCOVERY, raising=False)
     names = {'launch': ['LaunchDescription'],
-             'launch.actions': ['DeclareLaunchArgument', 'EmitEvent', 'OpaqueFunction',
-                                'RegisterEventHandler'],
-             'launch.event_handlers': ['OnProcessExit'], 'launch.events': ['Shutdown'],
+             'launch.actions': ['DeclareLaunchArgument', 'EmitEvent', 'LogInfo',
+                                'OpaqueFunction', 'RegisterEventHandler'],
+             'launch.event_handlers': ['OnProcessExit', 'OnShutdown'],
+             'launch.events': ['Shutdown'],
              'launch.substitutions': ['LaunchConfiguration'], 'launch_ros': [],
              'launch_ros.actions': ['Node']}
     for name, classes in names.items():
@@ -82,5 +87,39 @@ def test_the_end_of_any_node_ends_the_launch(launch_file, tmp_path):
     action = launch_file.generate_launch_description().args[0][-1]
     made = action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag')})
     handlers = [m for m in made if type(m).__name__ == 'RegisterEventHandler']
-    watched = [h.args[0].kwargs['target_action'] for h in handlers]
-    assert watched == [m for m in made if type(m).__name__ == 'Node']
+    ends = [h.args[0].kwargs for h in handlers if type(h.args[0]).__name__ == 'OnProcessExit']
+    assert [e['target_action'] for e in ends] == [m for m in made if type(m).__name__ == 'Node']
+    event, running = types.SimpleNamespace(returncode=0), types.SimpleNamespace(is_shutdown=False)
+    (action,) = ends[0]['on_exit'](event, running)
+    assert str(tmp_path / 'bag') in action.kwargs['event'].kwargs['reason']
+
+
+def test_a_node_that_dies_fails_the_launch_and_says_where_the_bag_is(launch_file, tmp_path):
+    """An exception of a handler is what makes `ros2 launch` end with status 1."""
+    handle = launch_file._ended('em_tracker', tmp_path / 'bag')
+    dead = types.SimpleNamespace(returncode=-9)
+    with pytest.raises(ArmBrachyError, match='em_tracker ended with status -9.*arm-brachy recov'):
+        handle(dead, types.SimpleNamespace(is_shutdown=False))
+    assert handle(dead, types.SimpleNamespace(is_shutdown=True))    # it was asked to end
+
+
+def test_domain_and_key_are_made_and_named(launch_file, tmp_path, monkeypatch):
+    action = launch_file.generate_launch_description().args[0][-1]
+    made = action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag')})
+    said = next(m for m in made if type(m).__name__ == 'LogInfo').kwargs['msg']
+    key = tmp_path / 'bag.key'
+    assert f'DDS domain {DOMAIN}, discovery LOCALHOST' in said and str(key) in said
+    assert key.stat().st_mode & 0o777 == 0o600
+    (end,) = [m.args[0] for m in made if type(m).__name__ == 'RegisterEventHandler'
+              and type(m.args[0]).__name__ == 'OnShutdown']
+    end.kwargs['on_shutdown'](None, None)
+    assert not key.exists()
+
+
+def test_a_domain_in_use_is_refused(monkeypatch):
+    monkeypatch.setattr(launcher, '_claimed', {})
+    with launcher._lock('97') as lock:
+        assert lock
+        with pytest.raises(ArmBrachyError, match='97 is in use by another cell'):
+            launcher.claim_domain('97')
+    assert launcher.claim_domain('97') == launcher.claim_domain('97') == '97'

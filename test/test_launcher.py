@@ -1,7 +1,7 @@
 """The launcher on processes that are not nodes: how they end, and which domain they get."""
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import pytest
 
@@ -17,6 +17,7 @@ class Script:
 
     name: str
     code: str
+    parameters: dict = field(default_factory=dict)
 
     def argv(self):
         return [sys.executable, '-c', self.code]

@@ -35,6 +35,8 @@ COMMANDS = {  # name -> (module:object, first line of its help)
               'Say what a SCENE makes of its mesh, and what in it cannot be meant.'),
     'mesh': ('mesh:mesh', 'Fill a closed SURFACE with tetrahedra.'),
     'rcm': ('rcm:rcm', 'Pose, stiffness and isotropy of the scissor probe holder.'),
+    'release': ('release:release', 'End an emergency stop of the running cell that records into '
+                'BAG.'),
     'terms': ('tables:terms', 'Print the table of physics terms, or all about one of them.'),
     'nodes': ('tables:nodes', 'Print the table of nodes and topics.'),
     'keys': ('tables:keys',

@@ -181,7 +181,9 @@ def _launch(processes, leader, folder, label):
                 what = f" {values['task']}" if values.get('task') else ''
                 bar.update(task, description=f"{label}:{what} t = {values['t']:.1f} s{speed}")
 
-        done = launcher.Launcher(processes, leader, folder / 'logs', show).run()
+        done = launcher.Launcher(
+            processes, leader, folder / 'logs', show,
+            lambda domain: console.print(launcher.where(domain), highlight=False)).run()
     if not done:
         raise Interrupted(f'interrupted; what was recorded until then is in {folder}/bag')
     return said

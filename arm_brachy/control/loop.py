@@ -8,6 +8,7 @@ import numpy as np
 
 from arm_brachy.control.mpc import MpcParams
 from arm_brachy.control.observer import ObserverParams
+from arm_brachy.control.pose_gate import PoseGateParams
 from arm_brachy.control.reach import Reach
 from arm_brachy.control.stillness import StillnessParams
 from arm_brachy.core.outcome import Outcome
@@ -25,6 +26,7 @@ class ManipulatorParams:
 
     mpc: MpcParams = field(default_factory=MpcParams)
     observer: ObserverParams = field(default_factory=ObserverParams)
+    gate: PoseGateParams = field(default_factory=PoseGateParams)
     stillness: StillnessParams = field(default_factory=StillnessParams)
     loop: Literal['closed', 'open'] = 'closed'
     go_to_closest: bool = True

@@ -9,6 +9,7 @@ from arm_brachy.control.command_log import CommandLog
 from arm_brachy.control.loop import ManipulatorParams, ManipulatorStep, Mode
 from arm_brachy.control.mpc import Mpc
 from arm_brachy.control.observer import DisturbanceObserver
+from arm_brachy.control.pose_gate import PoseGate
 from arm_brachy.control.reach import closest_reachable
 from arm_brachy.control.stillness import Stillness
 from arm_brachy.core.errors import CommandRefused, NotConverged
@@ -34,12 +35,13 @@ class Manipulator:
         self.params = params
         self.mpc = Mpc(params.mpc, strokes, max_speed)
         self.observer = DisturbanceObserver(params.observer)
+        self.gate = PoseGate(params.gate)
         self.stillness = Stillness(params.stillness)
         self._model, self._names = model, tuple(names)
         self._strokes = np.asarray(strokes, dtype=float)
         self._lead = self._largest_lead(params, max_speed)
         self._target, self._goal, self._mode = model.targets[0], None, Mode.IDLE
-        self._command, self._restart = None, False
+        self._command, self._restart, self._why = None, False, ''
         self._forget_motion()
 
     @staticmethod
@@ -95,6 +97,7 @@ class Manipulator:
         if goal.target != self._target:
             self._target = goal.target
             self.observer.reset()
+            self.gate.reset()
             self._forget_motion()
         # Whatever moved the pads in the meantime, the new goal starts from where they are.
         self._restart |= self._mode in (Mode.IDLE, Mode.ABORTED, Mode.FORBIDDEN)
@@ -112,12 +115,16 @@ class Manipulator:
             raise CommandRefused('resume: there is no goal to go on with; set one')
         self._mode = Mode.ACTIVE
 
-    def abort(self, why=Mode.ABORTED):
+    def abort(self, why=Mode.ABORTED, reason=''):
         """Drop the goal and stop the pads where the next step finds them.
 
         why : Mode.ABORTED, which is what was asked for and no trouble, or Mode.FORBIDDEN
+        reason : of who forbids, in one line
         """
-        self._goal, self._mode, self._restart = None, why, True
+        self._goal, self._mode, self._restart, self._why = None, why, True, reason
+        if self.gate.suspicious:    # who aborts has looked: the next sample is taken as it is
+            self.observer.reset()
+            self.gate.reset()
 
     def step(self, t, q_measured, target_samples=()):
         """Advance to time t [s].
@@ -188,7 +195,11 @@ class Manipulator:
                 refused.append(f'{t:.3f} s: not newer than {last:.3f} s')
             else:
                 model = np.array([np.interp(t, times, axis) for axis in track.T])
-                self.observer.update(t, np.asarray(y, dtype=float), model)
+                y = np.asarray(y, dtype=float)
+                if far := self.gate.refusal(t, *self.observer.surprise(t, y, model)):
+                    refused.append(f'{t:.3f} s: {far}')
+                else:
+                    self.observer.update(t, y, model)
         return f'target sample refused ({"; ".join(refused)})' if refused else ''
 
     def _picture(self, t, q, state):
@@ -214,11 +225,17 @@ class Manipulator:
     def _decide(self, now, q):
         """Turn the picture into a command, or hold and say why."""
         if self._mode in (Mode.HOLD, Mode.FORBIDDEN):
-            return replace(now, outcome=Outcome.HELD, message=self._mode.value)
+            said = self._mode.value + (f': {self._why}' if self._why else '')
+            return replace(now, outcome=Outcome.HELD, message=said)
         if self._goal is None:
             return now
         if not self.is_open_loop and self._stale(now.t):
             return replace(now, outcome=Outcome.STALE_INPUT, message=self._age(now.t))
+        if self.gate.contradicted(now.t):
+            return replace(now, outcome=Outcome.REJECTED, message='samples of target '
+                           f'{self._target} contradict each other or the pads, {self.gate.gated} '
+                           'gated so far; the pads hold: look for a second publisher, a swapped '
+                           'or a torn sensor')
         now = self._with_reach(now)
         if not now.reach.feasible:
             now = replace(now, outcome=Outcome.INFEASIBLE, message=now.reach.explanation)

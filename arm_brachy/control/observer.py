@@ -62,6 +62,17 @@ class DisturbanceObserver:
         """Standard deviation of the estimate on each axis [m]."""
         return float(np.sqrt(self.variance))
 
+    def surprise(self, t, measured, model):
+        """Distance [m] of a sample from its prediction, and the sd of that on one axis [m].
+
+        Arguments as of `update`; nothing is changed.
+        """
+        variance = self.variance + self.params.noise**2
+        if self.last_time is not None:
+            variance += self._process(t - self.last_time, model - self._last_model)
+        return (float(np.linalg.norm(measured - model - self.disturbance)),
+                float(np.sqrt(variance)))
+
     def update(self, t, measured, model):
         """Take one sample.
 

@@ -58,6 +58,11 @@ class Pursuit:
         """Name of the target that is tracked."""
         return self._manipulator.target
 
+    @property
+    def gated(self):
+        """How many samples of targets were not believed; see pose_gate."""
+        return self._manipulator.gate.gated
+
     def hear(self, tool, t, position):
         """Take one sample of a tool at time t [s]: position (3,) [m]."""
         recent = self._recent[tool]
@@ -75,7 +80,7 @@ class Pursuit:
         """Take the supervisor's word: whatever is not RUN drops the goal and refuses the next."""
         self._permission, self._reason = permission, reason
         if permission is not Permission.RUN and self.active:
-            self._manipulator.abort(Mode.FORBIDDEN)
+            self._manipulator.abort(Mode.FORBIDDEN, reason)
             self.active = False
 
     def step(self, t):
@@ -136,6 +141,10 @@ class Pursuit:
         if not recent:
             raise CommandRefused(f'goal for {target}: its sensor has not been seen yet; '
                                  'start the tracker or bring it into its volume')
+        if target == self.target and self._manipulator.gate.contradicted(self._now):
+            raise CommandRefused(f'goal for {target}: its samples contradict each other or the '
+                                 'pads; look for a second publisher, a swapped or a torn sensor, '
+                                 'then call mpc_manipulator/abort')
         age = self._now - recent[-1][0]
         if age > self._stale_after:
             raise CommandRefused(f'goal for {target}: its sensor was last seen {age:.2f} s ago, '

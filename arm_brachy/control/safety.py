@@ -25,7 +25,9 @@ class Safety:
         others : name -> force limit [N] of what is no pad
         """
         self._force_limit, self._others = force_limit, dict(others or {})
-        self._silent, self._force, self._awaited, self._ages = (), {}, set(awaited), {}
+        self._silent, self._doubled, self._strangers = (), (), ()
+        self._awaited = set(awaited)
+        self._force, self._ages = {}, {}
         self._latched, self._cause = Permission.RUN, ''
 
     @property
@@ -75,6 +77,23 @@ class Safety:
         """Emergency stop."""
         self._raise_to(Permission.STOP, reason)
 
+    def breach(self, reason):
+        """Emergency stop because motion was seen that is not allowed; it says so in any case."""
+        self._latched, self._cause = Permission.STOP, reason
+
+    def doubled(self, nodes):
+        """Note of which nodes two are alive (names, possibly none); any is a hold."""
+        self._doubled = tuple(nodes)
+        if self._doubled:
+            self.hold(f'two nodes are alive as {", ".join(self._doubled)}; end one of the two, or '
+                      'start a second cell in a namespace or domain of its own')
+
+    def foreign(self, strangers):
+        """Note who publishes what sensors and drives say (`node on topic`); any is a hold."""
+        self._strangers = tuple(strangers)
+        if self._strangers:
+            self.hold(f'a stranger publishes what only the cell may: {", ".join(self._strangers)}')
+
     def _raise_to(self, permission, reason):
         if permission > self._latched:
             self._latched, self._cause = permission, reason
@@ -83,7 +102,8 @@ class Safety:
         """Go back to RUN unless a cause is still there; returns (done, one line)."""
         high = [p for p, f in self._force.items() if not f <= self._limit(p)]
         high += [name for name, too_old in self._ages.items() if too_old]
-        if causes := [*high, *self._silent, *sorted(self._awaited)]:
+        if causes := [*high, *self._silent, *self._doubled, *self._strangers,
+                               *sorted(self._awaited)]:
             return False, f'still in force: {", ".join(causes)}'
         self._latched, self._cause = Permission.RUN, ''
         return True, 'running'

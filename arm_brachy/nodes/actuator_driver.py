@@ -9,8 +9,10 @@ from arm_brachy.core.outcome import Outcome
 from arm_brachy.devices.actuator import SimulatedBank
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.permission import command_gate, safety_gate
+from arm_brachy.nodes.release import Release
 from arm_brachy.nodes.spin import spin_node
-from arm_brachy.nodes.ticker import Ticker, listen_to
+from arm_brachy.nodes.ticker import Ticker
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState
 
 
@@ -20,13 +22,14 @@ class ActuatorDriverNode(Node):
     At wall pace a supervisor that falls silent is a hold that only ~/release ends, and what it
     says counts on arrival; in lockstep the clock waits for it, so there is no silence.
 
-    in   actuators/command  ActuatorCommand  refused whole if any entry is bad; ignored if given
-                                             before the last ~/home (a stamp of zero is none)
+    in   actuators/command  ActuatorCommand  refused whole if any entry is bad, old, of the future,
+                                             of another frame or overtaken; ignored if given
+                                             before the last ~/home
          cell/safety        SafetyState      RUN, HOLD or STOP
          truth/points       BodyPoints       simulated bank only: what pushes back on the pads
     out  actuators/state    JointState       every tick; stamp = tick
          truth/pads         PadState         simulated bank only
-    srv  ~/home, ~/release  Trigger
+    srv  ~/home, ~/release  Trigger; in a cell with a key only a release_ticket releases
     par  scenario, home_at_start, and every quantity of ActuatorParams
     """
 
@@ -46,20 +49,25 @@ class ActuatorDriverNode(Node):
         self._patience = setup.cell.scenario.limits.silence
         self._permission = SafetyState.HOLD if self._guarded else SafetyState.RUN
         self._permission_ns, self._lost = 0, False
+        self._sealed = setup.session is not None
+        self._commands_gate, self._safety_gate = command_gate(setup), safety_gate(setup)
         self._effort, self._commands, self._refused, self._home_ns = None, 0, 0, 0
         self._ticker = ticker = Ticker(
             self, graph.ACTUATOR_DRIVER, self._work, lockstep=setup.lockstep,
-            tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+            tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent,
+            session=setup.session)
         self._state_pub = ticker.publisher(graph.ACTUATORS)
         self._truth_pub = ticker.publisher(graph.TRUTH_PADS)
         self._health = Health(self, ticker, self._frame)
         for topic in graph.ACTUATOR_DRIVER.subscribes:
             if topic is graph.SAFETY and not setup.lockstep:
-                listen_to(self, topic, self._on_safety, lockstep=False)
+                ticker.listen(topic, self._on_word, lockstep=False)
             else:
                 ticker.subscribe(topic)
         self.create_service(Trigger, '~/home', self._on_home)
-        self.create_service(Trigger, '~/release', self._on_release)
+        self.release = Release(self, setup.session, self._release)
+        if not self._sealed:
+            self.get_logger().warning('no session_key: whoever is in this DDS domain may command')
         ticker.start()
         self._driver.connect()  # last: nobody would close it if a line after it failed
 
@@ -71,7 +79,7 @@ class ActuatorDriverNode(Node):
 
     def _work(self, tick, t_ns, inputs):
         for msg in inputs.get(graph.SAFETY.name, ()):
-            self._on_safety(msg)
+            self._on_safety(t_ns, msg)
         for msg in inputs[graph.TRUTH_POINTS.name]:
             self._effort = cell.push_back(msg.pad_force, self._directions)
         for msg in inputs[graph.COMMAND.name]:
@@ -85,9 +93,16 @@ class ActuatorDriverNode(Node):
             self._truth_pub(convert.pad_state(t_ns, self._frame, self._names, state.pad))
         self._health.beat(t_ns, lambda: {
             'homed': state.homed.all(), 'moving': state.moving.any(), 'commands': self._commands,
-            'refused': self._refused})
+            'refused': self._refused, 'commands sealed': self._sealed})
 
-    def _on_safety(self, msg):
+    def _on_word(self, msg, info):
+        self._on_safety(self.get_clock().now().nanoseconds, msg)
+
+    def _on_safety(self, t_ns, msg):
+        refusal = self._safety_gate.refusal(t_ns * 1e-9, convert.allowance(msg))
+        if refusal is not None:
+            self._refuse(t_ns, refusal.kind, f'{graph.SAFETY.name}: {refusal.message}')
+            return
         self._permission, self._permission_ns = msg.state, convert.nanoseconds(msg)
         if msg.state == SafetyState.STOP:
             self._stop()
@@ -105,7 +120,7 @@ class ActuatorDriverNode(Node):
             try:
                 self._driver.home()
             except CommandRefused as refusal:
-                self._refuse(t_ns, str(refusal))
+                self._refuse(t_ns, 'by the bank', str(refusal))
 
     def _check_permission(self, t_ns):
         """Silence of the supervisor is a hold, whatever it said last and says next."""
@@ -131,14 +146,18 @@ class ActuatorDriverNode(Node):
 
     def _on_command(self, t_ns, msg):
         self._commands += 1
-        if msg.mode == ActuatorCommand.MODE_STOP:
+        if msg.mode == ActuatorCommand.MODE_MOVE and \
+                0 < convert.nanoseconds(msg) <= self._home_ns:
+            return  # under way when the pads were sent home: outdated, no mistake
+        refusal = self._commands_gate.refusal(t_ns * 1e-9, convert.order(msg))
+        if refusal is not None:
+            self._refuse(t_ns, refusal.kind, f'{graph.COMMAND.name}: {refusal.message}')
+        elif msg.mode == ActuatorCommand.MODE_STOP:
             self._stop()
         elif msg.mode == ActuatorCommand.MODE_HOLD:
             self._driver.hold()
-        elif 0 < convert.nanoseconds(msg) <= self._home_ns:
-            return  # under way when the pads were sent home: outdated, no mistake
         elif forbidden := self._forbidden():
-            self._refuse(t_ns, forbidden)
+            self._refuse(t_ns, 'not permitted', forbidden)
         else:
             self._move(t_ns, msg)
 
@@ -149,22 +168,19 @@ class ActuatorDriverNode(Node):
             speed = cell.in_driver_order(msg.names, msg.velocity, self._names) \
                 if len(msg.velocity) else None
         except CommandRefused as refusal:
-            self._refuse(t_ns, str(refusal))
+            self._refuse(t_ns, 'by the bank', str(refusal))
             return
         try:
             self._driver.move(q, speed)
         except CommandRefused:
             self._refused += 1
 
-    def _refuse(self, t_ns, message):
+    def _refuse(self, t_ns, kind, message):
         self._refused += 1
-        self._health.refuse(t_ns, Outcome.REJECTED, message)
+        self._health.turn_away(t_ns, kind, message)
 
     def _on_home(self, request, response):
         return self._serve(response, self._forbidden(), self._home, 'going home')
-
-    def _on_release(self, request, response):
-        return self._serve(response, self._not_running(), self._release, 'released')
 
     def _home(self):
         self._driver.home()
@@ -172,6 +188,8 @@ class ActuatorDriverNode(Node):
             else self.get_clock().now().nanoseconds
 
     def _release(self):
+        if forbidden := self._not_running():
+            raise CommandRefused(forbidden)
         self._driver.release()
         self._lost = False
 

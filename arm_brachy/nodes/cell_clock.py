@@ -1,6 +1,7 @@
 """The lockstep clock: ticks simulated time once every node has answered the tick before."""
 
 import time
+from functools import partial
 
 from rclpy.node import Node
 from rclpy.time import Time
@@ -41,7 +42,8 @@ class CellClock(Node):
         self._progress = Progress()
         self._pub = publish_to(self, graph.CLOCK)
         for peer in sorted(self._answers):
-            listen_to(self, graph.TICK_DONE.at(node=peer), self._on_done, lockstep=True)
+            listen_to(self, graph.TICK_DONE.at(node=peer), partial(self._on_done, peer),
+                      lockstep=True)
         listen_to(self, graph.TASK, self._on_task, lockstep=True)
         call_every(self, 1.0, self._watch)
 
@@ -49,7 +51,11 @@ class CellClock(Node):
         self._tasks.append(msg)
         self._advance()
 
-    def _on_done(self, msg):
+    def _on_done(self, peer, msg):
+        if msg.node != peer or len(msg.topics) != len(msg.counts):
+            self.get_logger().warning(f'{graph.TICK_DONE.at(node=peer).name}: an answer of '
+                                      f'{msg.node!r} is ignored', throttle_duration_sec=1.0)
+            return
         if msg.tick > self._answers[msg.node]:  # tick 0 is answered again and again
             self._answers[msg.node] = msg.tick
             self._last_answer = time.monotonic()

@@ -22,6 +22,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointFie
 from std_msgs.msg import Header
 
 from arm_brachy.cell import Reading
+from arm_brachy.control.gate import Order
 from arm_brachy.tissue.needle_path import NeedleInTissue
 from arm_brachy_msgs.msg import (
     ActuatorCommand,
@@ -38,6 +39,7 @@ from arm_brachy_msgs.msg import (
     ToolStatus,
 )
 
+STATUS_PREFIX = 'arm_brachy: '     # of a node's name in /diagnostics
 UNKNOWN_TURN = np.pi**2 / 3.0   # rad^2, variance of an angle of which nothing is known
 
 
@@ -49,6 +51,17 @@ def header(t_ns, frame):
 def nanoseconds(msg):
     """Stamp of a message with a header [ns]."""
     return msg.header.stamp.sec * 1_000_000_000 + msg.header.stamp.nanosec
+
+
+def order(msg):
+    """Order of an ActuatorCommand, for a gate to judge."""
+    return Order(nanoseconds(msg) * 1e-9, msg.header.frame_id, msg.mode,
+                 (*msg.position, *msg.velocity))
+
+
+def allowance(msg):
+    """Order of a SafetyState, for a gate to judge."""
+    return Order(nanoseconds(msg) * 1e-9, msg.header.frame_id, msg.state)
 
 
 def floats(values):
@@ -235,7 +248,7 @@ def diagnostics(t_ns, name, outcome_value, message, values):
     """DiagnosticArray with one status; values : mapping name -> anything printable."""
     level = DiagnosticStatus.OK if outcome_value.ok else DiagnosticStatus.WARN
     status = DiagnosticStatus(
-        level=level, name=f'arm_brachy: {name}', message=message or outcome_value.name.lower(),
+        level=level, name=STATUS_PREFIX + name, message=message or outcome_value.name.lower(),
         hardware_id='arm_brachy', values=[KeyValue(key=str(k), value=str(v))
                                           for k, v in values.items()])
     return DiagnosticArray(header=header(t_ns, ''), status=[status])

@@ -1,6 +1,7 @@
 """What every node says of itself: outcomes when they change, diagnostics once a second."""
 
 from arm_brachy import graph
+from arm_brachy.control.gate import Tally
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert
 
@@ -19,6 +20,8 @@ class Health:
         self._outcome_pub = ticker.publisher(graph.OUTCOME)
         self._diagnostics_pub = ticker.publisher(graph.DIAGNOSTICS)
         self._outcome, self._message, self._next_ns = Outcome.OK, '', 0
+        self._ticker, self._tally = ticker, Tally()
+        ticker.on_refusal = self._foreign
 
     def note(self, t_ns, outcome, message=''):
         """Take the outcome of a step; it is published and logged when it changes."""
@@ -30,6 +33,20 @@ class Health:
     def refuse(self, t_ns, outcome, message):
         """Publish and log one refusal at once."""
         self._say(t_ns, outcome, message)
+
+    def turn_away(self, t_ns, kind, message):
+        """Count one more refusal of its kind; it is published and logged at most once a second."""
+        if self._tally.note(t_ns * 1e-9, kind):
+            self._say(t_ns, Outcome.REJECTED, message)
+
+    @property
+    def refused(self):
+        """How many orders were turned away."""
+        return sum(self._tally.counts.values())
+
+    def _foreign(self, topic, reason):
+        self.turn_away(self._ticker.last_ns, f'{reason}, {topic}', f'{topic}: {reason}; only '
+                       'nodes that were started with the session key may publish here')
 
     def _say(self, t_ns, outcome, message):
         self._outcome_pub(convert.outcome(t_ns, self._frame, self._node.get_name(), outcome,
@@ -48,4 +65,7 @@ class Health:
             return
         self._next_ns = (t_ns // PERIOD_NS + 1) * PERIOD_NS
         self._diagnostics_pub(convert.diagnostics(t_ns, self._node.get_name(), self._outcome,
-                                                  self._message, values()))
+                                                  self._message, values() | self._refusals()))
+
+    def _refusals(self):
+        return {f'refused: {kind}': n for kind, n in sorted(self._tally.counts.items())}

@@ -1,6 +1,6 @@
 """What has arrived on one topic, counted, so that a tick takes exactly what is due."""
 
-from collections import deque
+from collections import Counter, deque
 
 from arm_brachy.core.errors import InputError
 
@@ -11,11 +11,16 @@ class Inbox:
     In lockstep it refuses what the nodes of the table have not published: a stranger's message
     would shift every later one by a place. With one upstream node its publisher numbers messages
     as we count them. With several, or where the middleware gives no numbers, what had arrived
-    when the last tick was worked on must be due by now.
+    when the last tick was worked on must be due by now. Where a message tells its author, it is
+    ignored instead: a topic like /tf belongs to strangers too.
     """
 
-    def __init__(self, name, upstream, delay):
-        """upstream : nodes whose counts say what is due;  delay : 0 same tick, 1 one before."""
+    def __init__(self, name, upstream, delay, author=None):
+        """upstream : nodes whose counts say what is due;  delay : 0 same tick, 1 one before.
+
+        author : callable message -> name of its node, or None for a stranger
+        """
+        self._author, self._by = author, Counter()
         self.upstream = upstream
         self.delay = delay
         self._name = name
@@ -24,10 +29,24 @@ class Inbox:
         self._arrived = deque([0] * (delay + 1), maxlen=delay + 1)  # by the last ticks
 
     def put(self, msg, number=None):
-        """Keep a message that has arrived; `number` as its publisher counts, None = unchecked."""
+        """Keep a message that has arrived; returns False if it is a stranger's and ignored.
+
+        number : as its publisher counts, None = unchecked
+        """
+        if self._author is not None:
+            return self._put_of_author(msg, number)
         self._queue.append(msg)
         if number is not None and number != self._taken + len(self._queue):
             self._refuse()
+        return True
+
+    def _put_of_author(self, msg, number):
+        name = self._author(msg)
+        if name not in self.upstream or (number is not None and number != self._by[name] + 1):
+            return False
+        self._by[name] += 1
+        self._queue.append(msg)
+        return True
 
     def holds(self, count):
         """True once everything up to the publishers' total `count` has arrived."""

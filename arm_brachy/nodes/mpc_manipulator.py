@@ -37,7 +37,8 @@ class MpcManipulatorNode(Node):
         self._control = cell.build_controller(setup.cell)
         self._permission = PermissionWatch(setup, self._control.permit)
         ticker = Ticker(self, graph.MPC_MANIPULATOR, self._work, lockstep=setup.lockstep,
-                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent,
+                        session=setup.session)
         self._command_pub = ticker.publisher(graph.COMMAND)
         self._state_pub = ticker.publisher(graph.MANIPULATION)
         self._health = Health(self, ticker, self._frame)
@@ -52,9 +53,9 @@ class MpcManipulatorNode(Node):
         ticker.start()
 
     def _work(self, tick, t_ns, inputs):
-        self._permission.hear(t_ns, inputs[graph.SAFETY.name])
+        self._permission.hear(t_ns, inputs[graph.SAFETY.name], self._health)
         for name, target in self._heard.items():
-            for msg in inputs[name]:
+            for msg in self._of_our_frame(t_ns, name, inputs[name]):
                 self._control.hear(target, convert.nanoseconds(msg) * 1e-9,
                                    convert.position(msg))
         if inputs[graph.ACTUATORS.name]:
@@ -63,7 +64,17 @@ class MpcManipulatorNode(Node):
         if step is not None:
             self._publish(t_ns, step)
         self._health.beat(t_ns, lambda: {'target': self._control.target,
-                                         'active': self._control.active})
+                                         'active': self._control.active,
+                                         'samples gated': self._control.gated})
+
+    def _of_our_frame(self, t_ns, name, poses):
+        """Poses in the base frame; any other is named and left out."""
+        for msg in poses:
+            if msg.header.frame_id == self._frame:
+                yield msg
+            else:
+                self._health.turn_away(t_ns, 'foreign frame', f'{name}: frame_id = '
+                                       f'{msg.header.frame_id!r}; must be {self._frame!r}')
 
     def _feel(self, t_ns, msg):
         """Take the encoders in the scene's order of pads."""

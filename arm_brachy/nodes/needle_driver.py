@@ -1,15 +1,14 @@
 """ROS 2 shell of the needle: commands in, measured depth and tip out."""
 
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from arm_brachy import cell, graph
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.errors import CommandRefused
-from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
-from arm_brachy.nodes.permission import PermissionWatch
+from arm_brachy.nodes.permission import PermissionWatch, command_gate
+from arm_brachy.nodes.release import Release
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
 from arm_brachy_msgs.msg import ActuatorCommand
@@ -28,7 +27,7 @@ class NeedleDriverNode(Node):
     out  needle/state        JointState       every tick: [needle, roll]; depth as last measured
          needle/tip          PoseStamped      outside the hole; stamp = measurement
          truth/needle        PoseArray        shaft, template to tip
-    srv  ~/release           Trigger
+    srv  ~/release           Trigger; in a cell with a key only a release_ticket releases
     par  scenario
     """
 
@@ -40,16 +39,17 @@ class NeedleDriverNode(Node):
         self._axis, self._force = None, 0.0
         self._permission, self._reason = Permission.HOLD, ''
         ticker = Ticker(self, graph.NEEDLE_DRIVER, self._work, lockstep=setup.lockstep,
-                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent,
+                        session=setup.session)
         self._state_pub = ticker.publisher(graph.NEEDLE_STATE)
         self._tip_pub = ticker.publisher(graph.NEEDLE_TIP)
         self._truth_pub = ticker.publisher(graph.TRUTH_NEEDLE)
         self._health = Health(self, ticker, self._frame)
-        self._watch = PermissionWatch(setup, self._permit)
+        self._watch, self._gate = PermissionWatch(setup, self._permit), command_gate(setup)
         self._commands, self._refused = 0, 0
         for topic in graph.NEEDLE_DRIVER.subscribes:
             ticker.subscribe(topic)
-        self.create_service(Trigger, '~/release', self._on_release)
+        self.release = Release(self, setup.session, self._release)
         ticker.start()
 
     def _permit(self, permission, reason):
@@ -60,7 +60,7 @@ class NeedleDriverNode(Node):
             self._driver.hold()
 
     def _work(self, tick, t_ns, inputs):
-        self._watch.hear(t_ns, inputs[graph.SAFETY.name])
+        self._watch.hear(t_ns, inputs[graph.SAFETY.name], self._health)
         for msg in inputs[graph.TRUTH_NEEDLE_FORCE.name]:
             if self._axis is not None:
                 self._force = -float(convert.xyz(msg.wrench.force) @ self._axis)
@@ -80,14 +80,18 @@ class NeedleDriverNode(Node):
     def _on_command(self, t_ns, msg):
         """Carry out a command; what the driver refuses is in the outcome of its next state."""
         self._commands += 1
+        refusal = self._gate.refusal(t_ns * 1e-9, convert.order(msg))
+        if refusal is not None:
+            self._refuse(t_ns, refusal.kind, f'{graph.NEEDLE_COMMAND.name}: {refusal.message}')
+            return
         try:
             if msg.mode == ActuatorCommand.MODE_STOP:
                 self._driver.stop()
             elif msg.mode == ActuatorCommand.MODE_HOLD:
                 self._driver.hold()
             elif self._permission is not Permission.RUN:
-                self._health.refuse(t_ns, Outcome.REJECTED, 'needle: the safety state is not RUN: '
-                                    f'{self._reason}')
+                self._refuse(t_ns, 'not permitted', 'needle: the safety state is not RUN: '
+                             f'{self._reason}')
             else:
                 self._move(t_ns, tuple(msg.names), msg)
         except CommandRefused:
@@ -102,18 +106,19 @@ class NeedleDriverNode(Node):
         elif names in (('needle',), ()) and len(values) == 1 and len(msg.velocity) <= 1:
             self._driver.command(values[0], *msg.velocity)
         else:
-            self._refused += 1
-            self._health.refuse(t_ns, Outcome.REJECTED, f'needle: {list(names)} with '
-                                f'{len(values)} positions; must be needle, roll or '
-                                f'{", ".join(HOLE)}, with one position each')
+            self._refuse(t_ns, 'unknown joints', f'needle: {list(names)} with {len(values)} '
+                         f'positions; must be needle, roll or {", ".join(HOLE)}, with one '
+                         'position each')
 
-    def _on_release(self, request, response):
-        response.success = self._permission is Permission.RUN
-        response.message = 'released' if response.success else (
-            'needle: the safety state is not RUN; call supervisor/reset first')
-        if response.success:
-            self._driver.release()
-        return response
+    def _refuse(self, t_ns, kind, message):
+        self._refused += 1
+        self._health.turn_away(t_ns, kind, message)
+
+    def _release(self):
+        if self._permission is not Permission.RUN:
+            raise CommandRefused('needle: the safety state is not RUN; call supervisor/reset '
+                                 'first')
+        self._driver.release()
 
     def close(self):
         """Stand still."""

@@ -9,6 +9,7 @@ from arm_brachy.control.sequencer import Action, at_home
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.permission import safety_gate
 from arm_brachy.nodes.procedure_conductor import ProcedureConductor
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.service_calls import ServiceCalls
@@ -45,8 +46,10 @@ class OperatorNode(Node):
             self._home_client = self._calls.client(Trigger, 'actuator_driver/home')
         self._state, self._at_home, self._progress = None, False, Progress()
         ticker = Ticker(self, graph.OPERATOR, self._work, lockstep=setup.lockstep,
-                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent,
+                        session=setup.session)
         ticker.unready = self._calls.unready
+        self._safety_gate = safety_gate(setup)
         self._permitted = setup.lockstep or graph.SUPERVISOR.name not in setup.peers
         self._task_pub = ticker.publisher(graph.TASK)
         self._health = Health(self, ticker, self._frame)
@@ -59,7 +62,9 @@ class OperatorNode(Node):
         ticker.start()
 
     def _work(self, tick, t_ns, inputs):
-        for msg in inputs.get(graph.SAFETY.name, ()):
+        inputs[graph.SAFETY.name] = [m for m in inputs.get(graph.SAFETY.name, ())
+                                     if self._believed(t_ns, m)]
+        for msg in inputs[graph.SAFETY.name]:
             self._permitted = self._permitted or msg.state == SafetyState.RUN
         for msg in inputs.get(graph.ACTUATORS.name, ()):
             self._at_home = at_home(msg.position, msg.velocity)
@@ -79,6 +84,13 @@ class OperatorNode(Node):
         if not self._lockstep:
             self._progress.sometimes(tick=tick, phase=self._sequencer.phase.value)
         return None
+
+    def _believed(self, t_ns, msg):
+        """False for what cannot be the supervisor's word of now."""
+        refusal = self._safety_gate.refusal(t_ns * 1e-9, convert.allowance(msg))
+        if refusal is not None:
+            self._health.turn_away(t_ns, refusal.kind, f'{graph.SAFETY.name}: {refusal.message}')
+        return refusal is None
 
     def _conduct(self, tick, t_ns, inputs):
         """A tick of a procedure."""

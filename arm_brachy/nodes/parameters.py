@@ -21,6 +21,7 @@ from rclpy.parameter import Parameter
 from arm_brachy import graph
 from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantities
+from arm_brachy.core.session import Session
 from arm_brachy.scenario import Cell, load_cell
 
 UNBOUNDED = 1e12  # ROS ranges need both ends
@@ -34,6 +35,7 @@ class NodeSetup:
     tick_ns : period [ns];  peers : names of the nodes that take part in this run
     absent : those among them that a replayer speaks for
     frame : frame_id of everything in the base frame of the cell
+    session : core.session.Session of the run; None where commands carry no seal
     """
 
     cell: Cell
@@ -42,6 +44,7 @@ class NodeSetup:
     peers: tuple
     absent: tuple
     frame: str
+    session: Session | None
 
 
 def node_setup(node):
@@ -64,7 +67,10 @@ def node_setup(node):
                    'nodes that take part; each is waited for')
     absent = _names(node, 'absent', [''], 'those among peers that a replayer speaks for')
     frame = text(node, 'base_frame', 'cell_base', 'frame_id of data in the base frame')
-    return NodeSetup(cell, pace == 'lockstep', cell.tick_ns, peers, absent, frame)
+    key = text(node, 'session_key', '', 'file with the key of the session; empty: commands carry '
+               'no seal, anyone in the domain may command')
+    session = Session.load(key) if key else None
+    return NodeSetup(cell, pace == 'lockstep', cell.tick_ns, peers, absent, frame, session)
 
 
 def _names(node, name, default, description):

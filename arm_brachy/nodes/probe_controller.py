@@ -12,6 +12,7 @@ from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.permission import PermissionWatch
+from arm_brachy.nodes.release import Release
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
 
@@ -31,7 +32,8 @@ class ProbeControllerNode(Node):
     out  probe/state         ProbeState     every tick; stamp = tick
          probe/joint_states  JointState, probe/pose PoseStamped, probe/wrench WrenchStamped
          truth/probe         PoseStamped    simulated arm only
-    srv  ~/follow, ~/retract, ~/hold, ~/release  Trigger
+    srv  ~/follow, ~/retract, ~/hold, ~/release  Trigger; in a cell with a key only a
+         release_ticket releases
     par  scenario, and the section probe there
     """
 
@@ -47,7 +49,8 @@ class ProbeControllerNode(Node):
         self._watch = PermissionWatch(setup, self._arm.permit)
         self._ticker = ticker = Ticker(
             self, graph.PROBE_CONTROLLER, self._work, lockstep=setup.lockstep,
-            tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+            tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent,
+            session=setup.session)
         self._outputs = [ticker.publisher(topic) for topic in (
             graph.PROBE_STATE, graph.PROBE_JOINTS, graph.PROBE_POSE, graph.PROBE_WRENCH,
             graph.TRUTH_PROBE)]
@@ -56,13 +59,14 @@ class ProbeControllerNode(Node):
             if topic not in graph.ESTIMATED_MESHES or topic.name in (self._topology,
                                                                      self._positions):
                 ticker.subscribe(topic)
-        for service in ('follow', 'retract', 'hold', 'release'):
+        self.release = Release(self, setup.session, self._arm.release)
+        for service in ('follow', 'retract', 'hold'):
             self.create_service(Trigger, f'~/{service}', self._answer(getattr(self._arm, service),
                                                                       service))
         ticker.start()
 
     def _work(self, tick, t_ns, inputs):
-        self._watch.hear(t_ns, inputs.get(graph.SAFETY.name, ()))
+        self._watch.hear(t_ns, inputs.get(graph.SAFETY.name, ()), self._health)
         self._hear(t_ns, inputs)
         step = self._arm.step(t_ns * 1e-9, self._reading)
         self._reading = None

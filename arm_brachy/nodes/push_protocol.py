@@ -39,7 +39,8 @@ class PushProtocolNode(Node):
         self._calls = ServiceCalls(self)
         self._home_client = self._calls.client(Trigger, 'actuator_driver/home')
         ticker = Ticker(self, graph.PUSH_PROTOCOL, self._work, lockstep=setup.lockstep,
-                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+                        tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent,
+                        session=setup.session)
         ticker.unready = self._calls.unready
         self._command_pub = ticker.publisher(graph.COMMAND)
         self._task_pub = ticker.publisher(graph.TASK)
@@ -50,7 +51,7 @@ class PushProtocolNode(Node):
         ticker.start()
 
     def _work(self, tick, t_ns, inputs):
-        self._permission.hear(t_ns, inputs[graph.SAFETY.name])
+        self._permission.hear(t_ns, inputs[graph.SAFETY.name], self._health)
         if inputs[graph.ACTUATORS.name]:
             self._feel(t_ns, inputs[graph.ACTUATORS.name][-1])
         if self._encoders is None:

@@ -60,7 +60,8 @@ class RecorderNode(Node):
         self._thinned = {graph.ULTRASOUND_IMAGE.name: Thinning(seen.recorded_rate),
                          graph.ULTRASOUND_OVERLAY.name: Thinning(seen.recorded_overlay_rate)}
         self._ticker = Ticker(self, graph.RECORDER, self._work, lockstep=setup.lockstep,
-                              tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
+                              tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent,
+                              session=setup.session)
         self._ticker.witness = self._keep
         self._canonical = Canonical({t.type: message_definition(t.type) for t in shared})
         self._shared, self._ends = {t.name: t.type for t in shared}, []

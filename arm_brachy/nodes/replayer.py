@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 
 from rclpy.node import Node
 from rclpy.time import Time
@@ -58,7 +59,8 @@ class ReplayerNode(Node):
         self._tick, self._answers = 0, dict.fromkeys(self._live, -1)
         self._progress, self._heard = Progress(), time.monotonic()
         for name in self._live:
-            listen_to(self, graph.TICK_DONE.at(node=name), self._on_done, lockstep=True)
+            listen_to(self, graph.TICK_DONE.at(node=name), partial(self._on_done, name),
+                      lockstep=True)
         call_every(self, 0.1, self._announce)
 
     def _adopt(self, name, type_name):
@@ -96,7 +98,9 @@ class ReplayerNode(Node):
             raise ArmBrachyError(f'tick {self._tick} has not ended for {self._patience:.0f} s: '
                                  f'{missing}; see the logs')
 
-    def _on_done(self, msg):
+    def _on_done(self, name, msg):
+        if msg.node != name:
+            return
         if msg.tick > self._answers[msg.node]:  # tick 0 is answered again and again
             self._answers[msg.node] = msg.tick
             self._heard = time.monotonic()

@@ -10,16 +10,19 @@ machine is. Wall. A timer fires every tick and the node works with what has arri
 import importlib
 import time
 from collections import deque
+from functools import partial
 
 import rclpy.clock
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from arm_brachy import graph
 from arm_brachy.core.errors import InputError
+from arm_brachy.core.session import SealError, unsealed
+from arm_brachy.nodes.authors import author_of
 from arm_brachy.nodes.inbox import Inbox
 from arm_brachy_msgs.msg import TickDone
 
@@ -100,13 +103,16 @@ class Ticker:
     unready() : optional, names of whatever else must be there before the first tick (services)
     witness(topic name, t_ns, bytes) : optional, called with every Clock and TickDone as it came
     over the wire (the recorder keeps them).
+    on_refusal(topic name, reason) : optional, called for every message that is not from this cell
     """
 
-    def __init__(self, node, spec, work, *, lockstep, tick_ns, peers, absent=()):
+    def __init__(self, node, spec, work, *, lockstep, tick_ns, peers, absent=(), session=None):
         """spec : graph.NodeSpec of this node; peers : names of the nodes that take part.
 
         absent : peers that only a replayer speaks for; they read nothing
+        session : core.session.Session that seals graph.SEALED and opens them; None = unsealed
         """
+        self._session, self.on_refusal = session, lambda topic, reason: None
         self.lockstep, self.tick_ns, self.last_ns = lockstep, tick_ns, 0
         self.witness, self.unready = None, lambda: []
         self._node, self._spec, self._work = node, spec, work
@@ -133,12 +139,16 @@ class Ticker:
         pub = publish_to(self._node, topic)
         self._publishers[topic.name] = pub
         self._counts[topic.name] = 0
+        sealed = self._session is not None and topic in graph.SEALED
 
         def publish(msg):
             self._counts[topic.name] += 1
-            pub.publish(msg)
+            pub.publish(self._seal(pub.topic_name, msg) if sealed else msg)
 
         return publish
+
+    def _seal(self, full_name, msg):
+        return self._session.seal(full_name, serialize_message(msg), time.time_ns())
 
     def subscribe(self, topic, *, raw=False, lossless=False):
         """Collect a graph.Topic; who publishes it, and with what delay, the table says.
@@ -147,22 +157,50 @@ class Ticker:
         """
         upstream = graph.writers(topic.name, self._peers)
         delay = 1 if any(u in self._spec.previous for u in upstream) else 0
-        inbox = self._inboxes[topic.name] = Inbox(topic.name, upstream, delay)
-        numbered = self.lockstep and len(upstream) == 1
+        author = self._author(topic, upstream, raw)
+        inbox = self._inboxes[topic.name] = Inbox(topic.name, upstream, delay, author)
+        numbered = self.lockstep and (len(upstream) == 1 or author is not None)
 
         def arrived(msg, info):
-            inbox.put(msg, info['publication_sequence_number'] if numbered else None)
+            if not inbox.put(msg, info['publication_sequence_number'] if numbered else None):
+                self.on_refusal(topic.name, 'not from this cell')
             self._advance()
 
-        listen_to(self._node, topic, arrived, lockstep=self.lockstep or lossless, raw=raw)
+        self.listen(topic, arrived, lockstep=self.lockstep or lossless, raw=raw)
+
+    @staticmethod
+    def _author(topic, upstream, raw):
+        """Callable that says whose a message is, or its bytes; None where it does not tell."""
+        author = author_of(topic, upstream)
+        if author is None or not raw:
+            return author
+        kind = message_type(topic.type)
+        return lambda data: author(deserialize_message(data, kind))
+
+    def listen(self, topic, callback, *, lockstep, raw=False):
+        """Call back (message, info) with what comes on a graph.Topic, if it is from this cell."""
+        if topic not in graph.SEALED:
+            listen_to(self._node, topic, callback, lockstep=lockstep, raw=raw)
+            return
+        name, kind = self._node.resolve_topic_name(topic.name), message_type(topic.type)
+
+        def opened(data, info):
+            try:
+                data = unsealed(data) if self._session is None else self._session.open(name, data)
+            except SealError as error:
+                self.on_refusal(topic.name, str(error))
+                return
+            callback(data if raw else deserialize_message(data, kind), info)
+
+        listen_to(self._node, topic, opened, lockstep=lockstep, raw=True)
 
     def start(self):
         """Begin to tick; call it once all publishers and subscriptions exist."""
         if self.lockstep or self.witness is not None:
             for upstream in sorted({*self._spec.same, *self._spec.previous} & self._peers):
                 self._done[upstream] = {}
-                listen_to(self._node, graph.TICK_DONE.at(node=upstream), self._on_done,
-                          lockstep=True, raw=True)
+                listen_to(self._node, graph.TICK_DONE.at(node=upstream),
+                          partial(self._on_done, upstream), lockstep=True, raw=True)
         if not self.lockstep:
             self._deadline = time.monotonic() + START_PATIENCE_S
             call_every(self._node, self.tick_ns * 1e-9, self._on_timer)
@@ -211,12 +249,24 @@ class Ticker:
                              f'tick, {self.tick_ns} ns: give clock and nodes the same scenario')
         if self.witness is not None:
             self.witness(graph.CLOCK.name, t_ns, data)
+        self._check_order(t_ns // self.tick_ns)
         self._started = True
         self._ticks.append((t_ns // self.tick_ns, t_ns))
         self._advance()
 
-    def _on_done(self, data):
+    def _check_order(self, tick):
+        """Two clocks in a domain are two cells, and no tick of either means anything."""
+        last = self._ticks[-1][0] if self._ticks else self._tick
+        if last > 0 and tick != last + 1:
+            raise InputError(f'{self._spec.name}: /clock went from tick {last} to {tick}; is a '
+                             'second cell or simulator in this DDS domain? set another '
+                             'ROS_DOMAIN_ID for one of them')
+
+    def _on_done(self, upstream, data):
         msg = deserialize_message(data, TickDone)
+        if msg.node != upstream or len(msg.topics) != len(msg.counts):
+            self.on_refusal(graph.TICK_DONE.at(node=upstream).name, 'not from this cell')
+            return
         if self.witness is not None and msg.tick > 0:
             self.witness(graph.TICK_DONE.at(node=msg.node).name,
                          Time.from_msg(msg.stamp).nanoseconds, data)

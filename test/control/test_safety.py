@@ -6,6 +6,24 @@ import pytest
 from arm_brachy.control.safety import Permission, Safety
 
 
+@pytest.mark.parametrize(('note', 'said'), [
+    ('doubled', 'two nodes are alive as recorder'),
+    ('foreign', 'a stranger publishes what only the cell may: recorder')])
+def test_what_should_not_be_there_holds_until_it_is_gone(safety, note, said):
+    getattr(safety, note)(('recorder',))
+    assert safety.permission is Permission.HOLD and said in safety.reason
+    assert safety.reset() == (False, 'still in force: recorder')
+    getattr(safety, note)(())
+    assert safety.permission is Permission.HOLD
+    assert safety.reset() == (True, 'running')
+
+
+def test_motion_without_permission_stops_and_says_so_in_a_stop_too(safety):
+    safety.stop('emergency stop on request')
+    safety.breach('pad_1 moved 0.50 mm without permission')
+    assert safety.permission is Permission.STOP and 'pad_1 moved' in safety.reason
+
+
 @pytest.fixture
 def safety():
     return Safety(force_limit=30.0)

@@ -44,3 +44,13 @@ def test_what_comes_early_is_kept_for_its_tick(delay):
     for _ in range(1 + delay):
         assert box.take(0) == []
     assert box.take(1) == ['early']
+
+
+def test_where_a_message_tells_its_author_a_strangers_is_ignored():
+    box = Inbox('diagnostics', ('em_tracker', 'supervisor'), 0, author=lambda msg: msg[0])
+    assert box.put(('em_tracker', 'a'), 1)
+    assert not box.put(('robot', 'x'), 1)
+    assert not box.put(('em_tracker', 'forged'), 7)     # its publisher counts otherwise
+    assert box.put(('supervisor', 'b'), 1) and box.put(('em_tracker', 'c'), 2)
+    assert box.take(3) == [('em_tracker', 'a'), ('supervisor', 'b'), ('em_tracker', 'c')]
+    assert box.take(3) == []

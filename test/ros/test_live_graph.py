@@ -4,13 +4,18 @@ import time
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import TransformStamped, WrenchStamped
 from rclpy.node import Node
+from tf2_msgs.msg import TFMessage
 
 from arm_brachy import graph, launcher
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.nodes.ticker import offered
+from arm_brachy.recording.reader import BagReader
+from arm_brachy.recording.recover import recover
 from arm_brachy.scenario import load_cell
-from arm_brachy_msgs.msg import ActuatorCommand
+from arm_brachy_msgs.msg import ActuatorCommand, TickDone
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.wall]
 OF_EVERY_NODE = {'/rosout', '/parameter_events'}
@@ -62,26 +67,52 @@ def found(probe):
             for name in graph.CELL for way in ask}
 
 
-def test_nodes_do_what_the_table_says_and_a_foreign_publisher_ends_the_run(
+def foreign(probe):
+    """Publishers of a stranger, each with a message: what a robot beside the cell says, a forged
+    command and an answer of nobody; the last is of a topic that one node of the cell owns.
+    """
+    frame = TransformStamped(child_frame_id='camera')
+    status = DiagnosticStatus(name='robot: motor')
+    for topic, msg in ((graph.TF, TFMessage(transforms=[frame])),
+                       (graph.DIAGNOSTICS, DiagnosticArray(status=[status])),
+                       (graph.COMMAND, ActuatorCommand(position=[0.03] * 4)),
+                       (graph.TICK_DONE.at(node='em_tracker'), TickDone(node='robot', tick=9)),
+                       (graph.WRENCH.at(pad='pad_1'), WrenchStamped())):
+        yield probe.create_publisher(type(msg), topic.name, offered(topic)), msg
+
+
+def test_nodes_do_what_the_table_says_strangers_are_ignored_or_end_the_run(
         short_scenario, tmp_path, probe):
-    cell, seen = load_cell(short_scenario), []
+    """What belongs to others too, or has a seal, is ignored; data of a sensor end the run."""
+    cell, seen, later = load_cell(short_scenario), [], []
     wanted = promised(cell)
-    command = probe.create_publisher(ActuatorCommand, graph.COMMAND.name, offered(graph.COMMAND))
+    *harmless, (wrench, sample) = foreign(probe)
 
     def disturb(name, values):
         if not seen and values['t'] > 1.0:
             wait_until(lambda: set(probe.get_node_names()) >= set(graph.CELL), 10)
             seen.append(found(probe))
-            assert wait_until(lambda: command.get_subscription_count() == 2, 10)
-            command.publish(ActuatorCommand(position=[0.001] * len(cell.scene.pads)))
+            for pub, msg in harmless:
+                assert wait_until(lambda pub=pub: pub.get_subscription_count() > 0, 10)
+                pub.publish(msg)
+            later.append(values['t'] + 1.5)
+        elif later and values['t'] > later[0]:
+            wrench.publish(sample)
 
     runner = launcher.Launcher(
         launcher.cell_processes(cell, cell.path, tmp_path / 'bag', speed_limit=1.0), 'cell_clock',
         tmp_path / 'logs', disturb)
-    with pytest.raises(ArmBrachyError, match='actuators/command: holds a message that was not '
-                                             'published by mpc_manipulator'):
+    with pytest.raises(ArmBrachyError, match='force/pad_1/wrench: holds a message that was not '
+                                             'published by force_sensor'):
         runner.run()
     assert seen[0] == wanted
+    for log, said in (('actuator_driver', 'actuators/command: no seal'),
+                      ('cell_clock', "an answer of 'robot' is ignored")):
+        assert said in (tmp_path / 'logs' / f'{log}.log').read_text()
+    recover(tmp_path / 'bag', tmp_path / 'mended')
+    with BagReader(tmp_path / 'mended') as reader:
+        kept = [m.data for m in reader.records(['/tf', '/diagnostics'])]
+    assert kept and not any(b'camera' in data or b'robot' in data for data in kept)
 
 
 def test_a_node_that_never_comes_is_named_within_the_patience(start_node, short_scenario):

@@ -58,7 +58,8 @@ def ticks_of(node):
 
     def tick(k, state, **inputs):
         full = {topic.name: [] for topic in graph.PROBE_CONTROLLER.subscribes}
-        full[graph.SAFETY.name] = [SafetyState(header=convert.header(k * TICK, ''), state=state)]
+        full[graph.SAFETY.name] = [SafetyState(header=convert.header(k * TICK, 'cell_base'),
+                                               state=state)]
         full[graph.NEEDLE_TIP.name] = [convert.pose_stamped(k * TICK, 'cell_base', ACROSS, TIP)]
         full.update({getattr(graph, name).name: [msg] for name, msg in inputs.items()})
         node._work(k, k * TICK, full)

@@ -17,7 +17,7 @@ from arm_brachy.nodes.surface_scanner import SurfaceScannerNode
 from arm_brachy.nodes.ultrasound_imager import UltrasoundImagerNode
 from arm_brachy.scenario import load_cell
 from arm_brachy.tissue.build import load_scene_mesh
-from arm_brachy_msgs.msg import ActuatorCommand, ProbeContact, SafetyState
+from arm_brachy_msgs.msg import ProbeContact, SafetyState
 
 pytestmark = pytest.mark.ros
 TICK = 50_000_000
@@ -62,8 +62,8 @@ def wired(msg):
     return deserialize_message(serialize_message(msg), type(msg))
 
 
-def command(names, values, speed=()):
-    return convert.actuator_command(0, 'cell_base', names, values, speed)
+def command(k, names, values, speed=()):
+    return convert.actuator_command(k * TICK, 'cell_base', names, values, speed)
 
 
 def safety(k, state=SafetyState.RUN):
@@ -72,9 +72,9 @@ def safety(k, state=SafetyState.RUN):
 
 def test_the_needle_goes_to_its_depth_turns_and_stops(make):
     node, out, tick = make(NeedleDriverNode, 'supervisor', _state_pub=1, _tip_pub=1, _truth_pub=1)
-    tick(1, NEEDLE_COMMAND=command(['needle'], [0.02], [0.02]))
+    tick(1, NEEDLE_COMMAND=command(1, ['needle'], [0.02], [0.02]))
     assert out['_state_pub'][-1].position[0] == 0.0 and not out['_tip_pub']
-    tick(2, SAFETY=safety(2), NEEDLE_COMMAND=command(['needle'], [0.02], [0.02]))
+    tick(2, SAFETY=safety(2), NEEDLE_COMMAND=command(2, ['needle'], [0.02], [0.02]))
     for k in range(3, 30):
         tick(k, SAFETY=safety(k))
     state, tip, shaft = (wired(out[n][-1]) for n in ('_state_pub', '_tip_pub', '_truth_pub'))
@@ -85,28 +85,31 @@ def test_the_needle_goes_to_its_depth_turns_and_stops(make):
     R, p = convert.rigid(tip.pose)
     assert np.linalg.norm(points[-1] - p) < 1e-3 and tip.header.frame_id == 'cell_base'
     assert np.allclose(convert.rigid(shaft.poses[-1])[0][:, 2], R[:, 2], atol=0.01)
-    tick(30, SAFETY=safety(30), NEEDLE_COMMAND=command(['roll'], [0.5]))
+    tick(30, SAFETY=safety(30), NEEDLE_COMMAND=command(30, ['roll'], [0.5]))
     assert out['_state_pub'][-1].position[1] == 0.5
     pull = WrenchStamped()
     pull.wrench.force = convert.vector(-9.0 * R[:, 2])
-    tick(31, SAFETY=safety(31), NEEDLE_COMMAND=command(['needle'], [0.05]),
+    tick(31, SAFETY=safety(31), NEEDLE_COMMAND=command(31, ['needle'], [0.05]),
          TRUTH_NEEDLE_FORCE=pull)
     tick(32, SAFETY=safety(32))
     assert abs(out['_state_pub'][-1].effort[0] - 9.0) < 0.2
     assert abs(out['_state_pub'][-1].position[0] - 0.02) < 1e-3     # force_limit_N
     tick(33, SAFETY=safety(33, SafetyState.STOP))
-    assert not node._on_release(None, Trigger.Response()).success
+    assert not node.release._on_call(None, Trigger.Response()).success
     tick(34, SAFETY=safety(34))
-    assert node._on_release(None, Trigger.Response()).success
+    assert node.release._on_call(None, Trigger.Response()).success
 
 
 def test_a_needle_command_that_means_nothing_is_refused_in_one_line(make):
     node, out, tick = make(NeedleDriverNode)
     said = []
-    node._health.refuse = lambda t_ns, outcome, message: said.append(message)
-    tick(1, NEEDLE_COMMAND=command(['thread'], [0.02]))
-    tick(2, NEEDLE_COMMAND=ActuatorCommand(mode=ActuatorCommand.MODE_MOVE, names=['needle']))
-    assert len(said) == 2 and all('must be needle, roll or hole_x' in line for line in said)
+    node._health._say = lambda t_ns, outcome, message: said.append(message)
+    tick(1, NEEDLE_COMMAND=command(1, ['thread'], [0.02]))
+    tick(30, NEEDLE_COMMAND=command(30, ['needle'], []))
+    tick(60, NEEDLE_COMMAND=command(60, ['needle'], [0.01]))
+    tick(90, NEEDLE_COMMAND=command(1, ['needle'], [0.02]))
+    assert len(said) == 3 and all('must be needle, roll or hole_x' in line for line in said[:2])
+    assert 'needle/command: stamped' in said[2] and 'ago' in said[2]
 
 
 def test_the_imager_shows_the_needle_and_says_where_its_tip_is(make, body):

@@ -49,9 +49,11 @@ class Bench(Node):
         """Spin for a while."""
         self.watch(lambda: False, seconds)
 
-    def move(self, *q, stamp_ns=0):
-        """Command four pads, positions in m."""
-        self.pub.publish(ActuatorCommand(header=convert.header(stamp_ns, ''), position=list(q)))
+    def move(self, *q, stamp_ns=None, frame='cell_base', mode=ActuatorCommand.MODE_MOVE):
+        """Command four pads, positions in m; stamped now unless told otherwise."""
+        stamp_ns = self.now_ns if stamp_ns is None else stamp_ns
+        self.pub.publish(ActuatorCommand(header=convert.header(stamp_ns, frame), mode=mode,
+                                         position=list(q)))
 
     @property
     def now_ns(self):

@@ -1,0 +1,86 @@
+"""Ends an emergency stop with the session key: what `arm-brachy release` starts."""
+
+import time
+
+import rclpy
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from arm_brachy import graph
+from arm_brachy.core.errors import ArmBrachyError, ConfigError
+from arm_brachy.core.session import Session
+from arm_brachy.nodes import parameters
+from arm_brachy.nodes.release import TICKET
+from arm_brachy.nodes.spin import spin_node
+
+PATIENCE_S = 10.0      # for a service to be found and to answer
+DRIVERS = (graph.ACTUATOR_DRIVER, graph.NEEDLE_DRIVER, graph.PROBE_CONTROLLER)
+
+
+class ReleaseClient(Node):
+    """Resets the supervisor, then releases every driver that is there, each by a ticket.
+
+    calls supervisor/reset; <driver>/set_parameters
+    par   session_key (required)
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__('release_client', **kwargs)
+        path = parameters.text(self, 'session_key', '', 'file with the key of the session')
+        if not path:
+            raise ConfigError('release_client: parameter session_key is missing; give -p '
+                              'session_key:=<bag>.key')
+        self._session = Session.load(path)
+
+    def release(self):
+        """Do it. Raises ArmBrachyError with the first refusal."""
+        self._demand(self._call(Trigger, 'supervisor/reset', Trigger.Request()), 'success',
+                     'message')
+        there = {name for name, _ in self.get_service_names_and_types()}
+        for driver in DRIVERS:
+            full = self.resolve_service_name(f'{driver.name}/set_parameters')
+            if full in there:
+                self._release(full, full.removesuffix('/set_parameters') + '/release')
+
+    def _release(self, service, action):
+        """A driver hears of the reset a tick later, so it is asked again for a while."""
+        end = time.monotonic() + PATIENCE_S
+        while True:
+            ticket = self._session.ticket(action, time.time_ns())
+            value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=ticket)
+            result, = self._call(SetParameters, service, SetParameters.Request(
+                parameters=[ParameterMessage(name=TICKET, value=value)])).results
+            if result.successful or time.monotonic() > end:
+                break
+            time.sleep(0.2)
+        self._demand(result, 'successful', 'reason')
+        print(f'{action}: {result.reason}', flush=True)
+
+    @staticmethod
+    def _demand(answer, done, why):
+        if not getattr(answer, done):
+            raise ArmBrachyError(getattr(answer, why))
+
+    def _call(self, kind, name, request):
+        client = self.create_client(kind, name)
+        if not client.wait_for_service(PATIENCE_S):
+            raise ArmBrachyError(f'{name}: no such service in this DDS domain')
+        future = client.call_async(request)
+        rclpy.spin_until_future_complete(self, future, timeout_sec=PATIENCE_S)
+        if not future.done():
+            raise ArmBrachyError(f'{name}: no answer within {PATIENCE_S:.0f} s')
+        return future.result()
+
+
+def _made():
+    node = ReleaseClient()
+    node.release()
+    raise SystemExit(0)
+
+
+def main(args=None):
+    """Run it; exit status 1 and one line if something was refused."""
+    spin_node(_made, args)
