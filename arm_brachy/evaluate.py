@@ -22,7 +22,7 @@ from arm_brachy.evaluation.stream_figures import shown_streams
 from arm_brachy.evaluation.stream_report import write_stream_report
 from arm_brachy.evaluation.timeseries import ResidualData, Series
 from arm_brachy.offline import load_run, recorded_cell, recorded_prediction, with_cell
-from arm_brachy.recording.reader import BagReader
+from arm_brachy.recording.reader import CellBag
 from arm_brachy.recording.rigid import fit_rigid
 
 MM = 1e3
@@ -99,7 +99,7 @@ def with_em_registered(run):
 
 
 def _has_scenario(bag):
-    with BagReader(bag) as reader:
+    with CellBag(bag) as reader:
         return 'scenario.yaml' in reader.attachments()
 
 

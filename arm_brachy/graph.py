@@ -35,7 +35,7 @@ class Topic:
         return re.fullmatch(pattern, name) is not None
 
 
-CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', 'simulated time, one message a tick', 1, False)
+CLOCK = Topic('clock', 'rosgraph_msgs/msg/Clock', 'simulated time, one message a tick', 1, False)
 TICK_DONE = Topic('cell/done/{node}', 'arm_brachy_msgs/msg/TickDone',
                   'a node has answered a tick; how much it has published', 100)
 SAFETY = Topic('cell/safety', 'arm_brachy_msgs/msg/SafetyState', 'run, hold or stop, and why',
@@ -44,11 +44,11 @@ TASK = Topic('cell/task', 'arm_brachy_msgs/msg/TaskState',
              'what the operator is doing, or which prescribed move is under way', latched=True)
 OUTCOME = Topic('cell/outcome', 'arm_brachy_msgs/msg/StepOutcome',
                 'expected trouble, with advice', 100)
-DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray',
+DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray',
                     'health of every node, 1 Hz')
-TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', 'frames that move: EM sensors, pads, needle tip, '
+TF = Topic('tf', 'tf2_msgs/msg/TFMessage', 'frames that move: EM sensors, pads, needle tip, '
            'probe, links of the arm', 100)
-TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', 'frames that do not move: trackers, '
+TF_STATIC = Topic('tf_static', 'tf2_msgs/msg/TFMessage', 'frames that do not move: trackers, '
                   'template, base of the arm, image', 1, latched=True)
 
 COMMAND = Topic('actuators/command', 'arm_brachy_msgs/msg/ActuatorCommand',

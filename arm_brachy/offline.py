@@ -25,7 +25,7 @@ from arm_brachy.evaluation.timeseries import (
     Tissue,
     TopicRecord,
 )
-from arm_brachy.recording.reader import BagReader, stamp_ns
+from arm_brachy.recording.reader import CellBag, stamp_ns
 from arm_brachy.recording.writer import PROVENANCE
 from arm_brachy.scenario import load_cell, unbundle
 
@@ -180,7 +180,7 @@ def _handler(name):
 
 
 def _tally(bag, topics=None):
-    """One pass over an open BagReader; of the answers to ticks only the last are decoded.
+    """One pass over an open CellBag; of the answers to ticks only the last are decoded.
 
     topics : of graph.Topic, None = all
     """
@@ -212,7 +212,7 @@ def recorded_cell(bag, folder):
 
     bag : path.  Raises ConfigError if the bag holds no scenario (an import, for instance).
     """
-    with BagReader(bag) as reader:
+    with CellBag(bag) as reader:
         files = reader.attachments()
     try:
         return load_cell(unbundle(files, folder))
@@ -226,7 +226,7 @@ def load_run(bag, *, measured=False):
     measured : read what a real cell would have published and leave the rest on the disk: meshes of
         a simulated recording take a hundred times the memory of its sensors
     """
-    with BagReader(bag) as reader:
+    with CellBag(bag) as reader:
         tally = _tally(reader, MEASURED if measured else None)
         origin = reader.metadata().get(PROVENANCE, {})
         kinds = {name: topic.type for name, topic in reader.topics().items()}
@@ -480,7 +480,7 @@ def recorded_prediction(bag):
     wanted = ((graph.MODEL_POINTS, _on_points), (graph.MODEL_TOPOLOGY, _on_topology),
               (graph.MODEL_POSITIONS, _on_positions))
     handlers = {'/' + topic.name: handle for topic, handle in wanted}
-    with BagReader(bag) as reader:
+    with CellBag(bag) as reader:
         present = [name for name in handlers if name in reader.topics()]
         if '/' + graph.MODEL_POINTS.name not in present:
             return None

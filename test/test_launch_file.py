@@ -1,9 +1,11 @@
 """cell.launch.py starts the same processes as `arm-brachy run`; `launch` is stood in for."""
 
 import importlib.util
+import re
 import sys
 import types
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -114,6 +116,16 @@ def test_domain_and_key_are_made_and_named(launch_file, tmp_path, monkeypatch):
               and type(m.args[0]).__name__ == 'OnShutdown']
     end.kwargs['on_shutdown'](None, None)
     assert not key.exists()
+
+
+def test_package_xml_names_every_ros_package_that_is_imported():
+    """launch files, too; what has no rosdep key is in requirements.txt."""
+    declared = {e.text for e in ElementTree.parse(ROOT / 'package.xml').iter('exec_depend')}
+    sources = [*(ROOT / 'arm_brachy').rglob('*.py'), *(ROOT / 'launch_scripts').glob('*.py')]
+    imported = {name for path in sources for name in re.findall(
+        r'^ *(?:from|import) (rclpy|launch\w*|rosidl_\w+|\w+_(?:msgs|srvs|interfaces))\b',
+        path.read_text(encoding='utf-8'), re.MULTILINE)}
+    assert len(imported) > 8 and imported <= declared, imported - declared
 
 
 def test_a_domain_in_use_is_refused(monkeypatch):

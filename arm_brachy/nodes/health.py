@@ -3,7 +3,7 @@
 from arm_brachy import graph
 from arm_brachy.control.gate import Tally
 from arm_brachy.core.outcome import Outcome
-from arm_brachy.nodes import convert
+from arm_brachy.nodes import convert, parameters
 
 PERIOD_NS = 1_000_000_000
 
@@ -65,7 +65,14 @@ class Health:
             return
         self._next_ns = (t_ns // PERIOD_NS + 1) * PERIOD_NS
         self._diagnostics_pub(convert.diagnostics(t_ns, self._node.get_name(), self._outcome,
-                                                  self._message, values() | self._refusals()))
+                                                  self._message, {
+                                                      **values(), **self._parameters(),
+                                                      **self._refusals()}))
 
     def _refusals(self):
         return {f'refused: {kind}': n for kind, n in sorted(self._tally.counts.items())}
+
+    def _parameters(self):
+        """What was set by -p and not by the scenario: a recording is to hold it."""
+        return {f'parameter {name}': value
+                for name, value in sorted(parameters.given(self._node).items())}

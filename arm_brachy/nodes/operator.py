@@ -18,11 +18,14 @@ from arm_brachy.nodes.ticker import Ticker
 from arm_brachy_msgs.msg import SafetyState, TaskState
 from arm_brachy_msgs.srv import SetGoal
 
+PATIENCE_NS = 5_000_000_000   # with a goal that is refused
+
 
 class OperatorNode(Node):
     """Set a goal, wait, send the pads home, next task; the tick is answered with the service.
 
-    At wall pace the first task waits until the supervisor has said RUN for the first time.
+    At wall pace the first task waits until the supervisor has said RUN for the first time, and a
+    goal that is refused is asked for again for some seconds.
 
     in   actuators/state  JointState
          cell/safety      SafetyState
@@ -40,6 +43,7 @@ class OperatorNode(Node):
         self._sequencer = cells.build_sequencer(setup.cell)
         self._calls = ServiceCalls(self)
         self._conductor = None
+        self._again, self._asked_ns = None, 0      # a task whose goal was refused at first
         if self._tasks:     # without any it calls nobody, and waits for nobody who would serve
             self._goal_client = self._calls.client(SetGoal, 'mpc_manipulator/set_goal')
             self._abort_client = self._calls.client(Trigger, 'mpc_manipulator/abort')
@@ -72,6 +76,8 @@ class OperatorNode(Node):
             return None
         if self._conductor is not None:
             return self._conduct(tick, t_ns, inputs)
+        if self._again is not None:
+            return self._set_goal(t_ns, self._again)
         action = self._sequencer.step(t_ns * 1e-9, self._at_home)
         if action is Action.SET_GOAL:
             return self._set_goal(t_ns, self._tasks[self._sequencer.index])
@@ -122,7 +128,20 @@ class OperatorNode(Node):
             lambda f: self._goal_set(t_ns, task, request, f.result(), finished))
         return finished
 
+    def _asks_again(self, t_ns):
+        """At wall pace, for a while: a sensor that comes up late refuses no goal."""
+        self._asked_ns = t_ns if self._again is None else self._asked_ns
+        asks = not self._lockstep and t_ns - self._asked_ns < PATIENCE_NS
+        self._again = None
+        return asks
+
     def _goal_set(self, t_ns, task, request, answer, finished):
+        if not answer.accepted and self._asks_again(t_ns):
+            self.get_logger().info(f'{task.name}: {answer.message}; asked again',
+                                   throttle_duration_sec=1.0)
+            self._again = task
+            finished.set_result(None)
+            return
         state = TaskState.ACTIVE if answer.accepted else TaskState.REFUSED
         self._state = TaskState(
             header=request.header, state=state, index=self._sequencer.index, name=task.name,

@@ -25,6 +25,8 @@ from arm_brachy.core.session import Session
 from arm_brachy.scenario import Cell, load_cell
 
 UNBOUNDED = 1e12  # ROS ranges need both ends
+# Says where and among whom a node runs, not what it does: the same run elsewhere has others.
+OF_THE_LAUNCHER = ('peers', 'absent', 'session_key', 'output', 'bag', 'speed_limit', 'patience_s')
 
 
 @dataclass(frozen=True)
@@ -99,10 +101,21 @@ def _declare(node, name, default, descriptor, allowed):
     """Declare, read, and turn ROS's refusal of a value into one line."""
     descriptor.read_only = True
     try:
-        return node.declare_parameter(name, default, descriptor).value
+        value = node.declare_parameter(name, default, descriptor).value
     except (InvalidParameterTypeException, InvalidParameterValueException):
         raise ConfigError(f'{node.get_name()}: parameter {name} was given a value outside what is '
                           f'allowed: {allowed} ({descriptor.description})') from None
+    if value != default and name not in OF_THE_LAUNCHER:
+        given(node)[name] = value
+    return value
+
+
+def given(node):
+    """Parameters of a node that were set to something else than the scenario says: name -> value.
+
+    Without what the launcher sets (places of files, who takes part).
+    """
+    return node.__dict__.setdefault('_given_parameters', {})
 
 
 def number(node, name, default, description, low, high):

@@ -33,6 +33,7 @@ class Thinning:
 class RecorderNode(Node):
     """Write what was published, tick by tick, in an order that follows from the data alone.
 
+    At wall pace: in the order of receipt, which is the time of a message in the bag.
     Of images only some are kept, at the rates of the scenario's ultrasound: the rest can be made
     again from the recorded poses and mesh.
     in   every topic of the graph, raw;  cell/done/* of every peer;  in lockstep /clock
@@ -55,7 +56,7 @@ class RecorderNode(Node):
         shared = [t for t in present if len(graph.writers(t.name, setup.peers)) > 1]
         answers = [graph.TICK_DONE.at(node=p) for p in setup.peers]
         self._topics = {t.name: t for t in (*present, *answers, graph.CLOCK)}
-        self._declared, self._sequence = {}, Counter()
+        self._declared, self._sequence, self._written_ns = {}, Counter(), 0
         seen = cell.scenario.ultrasound
         self._thinned = {graph.ULTRASOUND_IMAGE.name: Thinning(seen.recorded_rate),
                          graph.ULTRASOUND_OVERLAY.name: Thinning(seen.recorded_overlay_rate)}
@@ -63,17 +64,39 @@ class RecorderNode(Node):
                               tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent,
                               session=setup.session)
         self._ticker.witness = self._keep
-        self._canonical = Canonical({t.type: message_definition(t.type) for t in shared})
-        self._shared, self._ends = {t.name: t.type for t in shared}, []
+        rewritten = [*shared, *(t for t in present if t in graph.SEALED)]
+        self._canonical = Canonical({t.type: message_definition(t.type) for t in rewritten})
+        self._rewritten, self._ends = {t.name: t.type for t in rewritten}, []
+        self._shared = {t.name for t in shared}
         for topic in present:
-            self._ticker.subscribe(topic, raw=True, lossless=True)
+            self._ticker.subscribe(topic, raw=True, lossless=True, receipts=not setup.lockstep)
         self._ticker.start()
 
     def _work(self, tick, t_ns, inputs):
         self._write_all(t_ns, inputs)
-        self._write_ends(t_ns)
+        if self._ticker.lockstep:
+            self._write_ends(t_ns)
 
     def _write_all(self, t_ns, inputs):
+        if self._ticker.lockstep:
+            self._write_tick(t_ns, inputs)
+        else:
+            self._write_receipts(inputs)
+
+    def _write_receipts(self, inputs):
+        """At wall pace the time of a message is that of its receipt, and so is their order.
+
+        What the middleware had received but not handed over before others were written counts as
+        received with those.
+        """
+        arrived = [(t_ns, name, data) for name, batch in inputs.items() for t_ns, data in batch]
+        for t_ns, name, data in sorted([*arrived, *self._ends], key=lambda one: one[0]):
+            self._written_ns = t_ns = max(t_ns, self._written_ns)
+            if name not in self._thinned or self._thinned[name].keeps(t_ns):
+                self._write(name, self._exact(name, data), t_ns)
+        self._ends = []
+
+    def _write_tick(self, t_ns, inputs):
         for name in sorted(inputs):
             for data in self._in_order(name, inputs[name]):
                 if name not in self._thinned or self._thinned[name].keeps(t_ns):
@@ -81,9 +104,13 @@ class RecorderNode(Node):
 
     def _in_order(self, name, batch):
         """Messages of several publishers arrive in an order of chance: sort them by content."""
-        if name not in self._shared:
-            return batch
-        return sorted(self._canonical.data(data, self._shared[name]) for data in batch)
+        batch = [self._exact(name, data) for data in batch]
+        return sorted(batch) if name in self._shared else batch
+
+    def _exact(self, name, data):
+        """Messages without what serialisers leave in and behind them, where that would tell."""
+        kind = self._rewritten.get(name)
+        return data if kind is None else self._canonical.data(data, kind)
 
     def _write(self, name, data, t_ns):
         if name not in self._declared:
@@ -98,7 +125,8 @@ class RecorderNode(Node):
         self._declared[name] = full_name
 
     def _keep(self, name, t_ns, data):
-        self._ends.append((t_ns, name, data))
+        receipt = t_ns if self._ticker.lockstep else self.get_clock().now().nanoseconds
+        self._ends.append((receipt, name, data))
 
     def _write_ends(self, t_ns):
         """Ticks and answers up to t_ns, in order of time and name."""

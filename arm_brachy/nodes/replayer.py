@@ -14,7 +14,7 @@ from arm_brachy.nodes import parameters
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import call_every, listen_to, publish_to, unheard_by
-from arm_brachy.recording.reader import BagReader
+from arm_brachy.recording.reader import CellBag
 from arm_brachy_msgs.msg import TickDone
 
 PATIENCE_S = 60.0
@@ -39,7 +39,7 @@ class ReplayerNode(Node):
             raise ConfigError('replayer: parameter bag is missing; give -p bag:=<folder>')
         self._patience = parameters.number(
             self, 'patience_s', PATIENCE_S, 'longest wait for one answer, in wall time', 1.0, 1e4)
-        self._bag, self._tick_ns = BagReader(path), setup.tick_ns
+        self._bag, self._tick_ns = CellBag(path), setup.tick_ns
         self._absent = setup.absent
         self._live = tuple(p for p in setup.peers
                            if p not in setup.absent and p != graph.CELL_CLOCK.name)

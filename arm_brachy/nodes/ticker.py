@@ -27,6 +27,8 @@ from arm_brachy.nodes.inbox import Inbox
 from arm_brachy_msgs.msg import TickDone
 
 READY_PERIOD_S = 0.1
+MUTE_S = 1.0          # of a wait for others in lockstep, which at a start is no news
+WORD_PERIOD_S = 5.0   # of what is said of a wait
 # rclpy's default event handlers (two per publisher and subscription, to log a mismatch of QoS that
 # graph.py rules out) take part in every wait and make it three times as long.
 _NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
@@ -150,18 +152,21 @@ class Ticker:
     def _seal(self, full_name, msg):
         return self._session.seal(full_name, serialize_message(msg), time.time_ns())
 
-    def subscribe(self, topic, *, raw=False, lossless=False):
+    def subscribe(self, topic, *, raw=False, lossless=False, receipts=False):
         """Collect a graph.Topic; who publishes it, and with what delay, the table says.
 
         lossless : ask for every message at wall pace too
+        receipts : collect (time of receipt [ns], message) in place of messages
         """
         upstream = graph.writers(topic.name, self._peers)
         delay = 1 if any(u in self._spec.previous for u in upstream) else 0
-        author = self._author(topic, upstream, raw)
+        author = self._author(topic, upstream, raw, receipts)
         inbox = self._inboxes[topic.name] = Inbox(topic.name, upstream, delay, author)
         numbered = self.lockstep and (len(upstream) == 1 or author is not None)
 
         def arrived(msg, info):
+            if receipts:
+                msg = (info['received_timestamp'], msg)
             if not inbox.put(msg, info['publication_sequence_number'] if numbered else None):
                 self.on_refusal(topic.name, 'not from this cell')
             self._advance()
@@ -169,13 +174,13 @@ class Ticker:
         self.listen(topic, arrived, lockstep=self.lockstep or lossless, raw=raw)
 
     @staticmethod
-    def _author(topic, upstream, raw):
+    def _author(topic, upstream, raw, receipts):
         """Callable that says whose a message is, or its bytes; None where it does not tell."""
         author = author_of(topic, upstream)
         if author is None or not raw:
             return author
         kind = message_type(topic.type)
-        return lambda data: author(deserialize_message(data, kind))
+        return lambda data: author(deserialize_message(data[1] if receipts else data, kind))
 
     def listen(self, topic, callback, *, lockstep, raw=False):
         """Call back (message, info) with what comes on a graph.Topic, if it is from this cell."""
@@ -205,6 +210,7 @@ class Ticker:
             self._deadline = time.monotonic() + START_PATIENCE_S
             call_every(self._node, self.tick_ns * 1e-9, self._on_timer)
             return
+        self._mute_until = time.monotonic() + MUTE_S
         listen_to(self._node, graph.CLOCK, self._on_clock, lockstep=True, raw=True)
         self._ready_timer = call_every(self._node, READY_PERIOD_S, self._announce_ready)
 
@@ -236,11 +242,13 @@ class Ticker:
         """Answer tick 0, again and again until the clock starts."""
         if self._started:
             self._ready_timer.cancel()
-        elif missing := [*self.lonely(), *self.unready()]:
-            self._node.get_logger().info(f'waiting for the other end of {", ".join(missing)}',
-                                         throttle_duration_sec=5.0, skip_first=True)
-        else:
+            return
+        missing = [*self.lonely(), *self.unready()]
+        if not missing:
             self._answer(0, 0)
+        if time.monotonic() > self._mute_until:
+            self._say_waiting(f'the other end of {", ".join(missing)}' if missing
+                              else f'the first tick of {graph.CELL_CLOCK.name}')
 
     def _on_clock(self, data):
         t_ns = Time.from_msg(deserialize_message(data, Clock).clock).nanoseconds
@@ -279,8 +287,14 @@ class Ticker:
         if t_ns <= self.last_ns:  # the system's time was set back: wait until it has caught up
             return
         self._started = self._started or not self._recorder_missing()
-        if self._started and not self._busy and not self.unready():
+        missing = self.unready() if self._started else [graph.RECORDER.name]
+        if missing:
+            self._say_waiting(', '.join(missing))
+        elif not self._busy:
             self._run(self._tick + 1, t_ns, self.drain())
+
+    def _say_waiting(self, what):
+        self._node.get_logger().info(f'waiting for {what}', throttle_duration_sec=WORD_PERIOD_S)
 
     def _advance(self):
         if self._busy or not self._ticks:

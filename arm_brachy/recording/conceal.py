@@ -10,7 +10,7 @@ from ruamel.yaml.error import YAMLError
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.recording import qos
 from arm_brachy.recording.canonical import Canonical
-from arm_brachy.recording.reader import BagReader
+from arm_brachy.recording.reader import CellBag
 from arm_brachy.recording.writer import SCENARIO, SCENE, BagWriter
 
 TRUTH = '/truth/'
@@ -43,7 +43,7 @@ def conceal(src, dst, *, also=()):
     Valid if no other topic carries the plant's parameters in words.
     Raises RecordingError if the scenario or scene inside is not YAML or `also` is not recorded.
     """
-    with BagReader(src) as reader:
+    with CellBag(src) as reader:
         topics = reader.topics()
         unknown = sorted(set(also) - set(topics))
         if unknown:

@@ -6,7 +6,7 @@ import struct
 import zlib
 from collections import defaultdict
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,8 @@ from arm_brachy.core.guard import MALFORMED, one_line
 from arm_brachy.recording.canonical import Canonical
 
 FOOTER = struct.Struct('<BQQQI')  # opcode, length, starts of index and of offsets, checksum
+# Topics of which every cell's bag, or a laboratory's, has one: before them stands the namespace.
+MARKS = ('/actuators/state', '/cell/task', '/cell/safety', '/optical/markers', '/truth/points')
 # What the MCAP, compression and message libraries raise on damaged bytes.
 DAMAGED = (McapError, CRCValidationError, zstandard.ZstdError, InvalidSpecification, InvalidValue,
            NameError, *MALFORMED)
@@ -149,6 +151,9 @@ class BagReader:
 
     def _iterate(self, topics, start_ns, stop_ns):
         names = list(self._topics) if topics is None else [self._known(t) for t in topics]
+        return self._read(names, start_ns, stop_ns)
+
+    def _read(self, names, start_ns, stop_ns):
         with _readable(self.path):
             for schema, channel, message in self._mcap.iter_messages(
                     names, starting_at=start_ns, ending_before=stop_ns):
@@ -162,6 +167,41 @@ class BagReader:
         held = ', '.join(near or self._topics) or 'none'
         kind = 'nearest' if near else 'recorded'
         raise RecordingError(f'{self.path}: no topic {topic!r}; {kind}: {held}')
+
+
+class CellBag(BagReader):
+    """A bag of our own cell, its topics under the names that they have without a namespace.
+
+    namespace : of the cell that was recorded, '' at the root. Raises RecordingError for a bag that
+    holds several cells, naming their namespaces.
+    """
+
+    def __init__(self, path):
+        super().__init__(path)
+        self.namespace = _namespace(self.path, self._topics)
+        self._full = {}
+        for name in self._topics:
+            inside = name.startswith(self.namespace + '/')
+            short = name.removeprefix(self.namespace) if inside else name
+            if inside or short not in self._full:
+                self._full[short] = name
+        self._topics = {short: replace(self._topics[full], name=short)
+                        for short, full in sorted(self._full.items())}
+
+    def _iterate(self, topics, start_ns, stop_ns):
+        names = list(self._topics) if topics is None else [self._known(t) for t in topics]
+        short = {self._full[name]: name for name in names}
+        for topic, schema, message in self._read(list(short), start_ns, stop_ns):
+            yield short[topic], schema, message
+
+
+def _namespace(path, topics):
+    """What stands before the names that every cell has; '' if they stand at the root."""
+    found = {name.removesuffix(mark) for name in topics for mark in MARKS if name.endswith(mark)}
+    if len(found) > 1 and '' not in found:
+        raise RecordingError(f'{path}: holds {len(found)} cells, {", ".join(sorted(found))}; '
+                             'record each into a bag of its own')
+    return '' if '' in found or not found else found.pop()
 
 
 def payload_hashes(path):

@@ -29,7 +29,7 @@ from arm_brachy.diagnosis.signals.stream import (
 from arm_brachy.diagnosis.signals.timestamps import from_zero, in_order, session_zero, together
 from arm_brachy.diagnosis.signals.unobserved_motion import without_blind
 from arm_brachy.offline import load_run, with_scene
-from arm_brachy.recording.reader import BagReader
+from arm_brachy.recording.reader import CellBag
 
 RATE = 100.0        # Hz: pads move in tenths of a second, soft bodies ring below 10 Hz
 SAMPLES = 300_000   # per stream over all recordings together: 220 MB for thirty markers
@@ -82,7 +82,7 @@ def zero_of(bags):
     """
     spans = []
     for bag in bags:
-        with BagReader(bag) as reader:
+        with CellBag(bag) as reader:
             spans.append(tuple(1e-9 * t for t in reader.span_ns))
     return session_zero(spans)
 
