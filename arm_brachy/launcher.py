@@ -30,6 +30,7 @@ DOMAINS = range(10, 100)   # ROS_DOMAIN_ID; up to 101 is safe on Linux whatever 
 # For a tick where an estimator takes part: it computes modes or a gain before it connects.
 ESTIMATOR_PATIENCE_S = 600.0
 PATIENCE_S = 10.0          # for a process to end after SIGINT
+STOPPED_PATIENCE_S = 0.5   # with a process that is stopped; it is looked at ten times a second
 RECORDER_PATIENCE_S = 60.0  # a long bag writes its index at the end
 # Found here, once: between fork and exec nothing may be loaded that another thread might hold.
 _prctl = ctypes.CDLL(None).prctl
@@ -120,7 +121,7 @@ class Launcher:
         self._log_dir, self._on_progress = Path(log_dir), on_progress
         self._on_start = on_start
         self._children, self._listeners, self._lines = {}, {}, queue.Queue()
-        self._interrupts = 0
+        self._interrupts, self._stopped = 0, {}
 
     def run(self):
         """Start, watch, end. Returns True if the leader finished, False after Ctrl-C.
@@ -129,7 +130,7 @@ class Launcher:
         """
         self._log_dir.mkdir(parents=True, exist_ok=True)
         before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
-        with _Domain() as domain:
+        with Domain() as domain:
             keys = self._make_keys(domain)
             self._on_start(domain)
             try:
@@ -154,6 +155,10 @@ class Launcher:
     def pid_of(self, name):
         """Process id of a node."""
         return self._children[name].pid
+
+    def alive(self):
+        """Names of the nodes whose processes have not ended."""
+        return [name for name, child in self._children.items() if child.poll() is None]
 
     def _on_signal(self, number, frame):
         self._interrupts += 1
@@ -193,6 +198,7 @@ class Launcher:
         for name, child in self._children.items():
             status = child.poll()
             if status is None:
+                self._check_running(name, child)
                 continue
             self._listeners[name].join(PATIENCE_S)
             if not self._lines.empty():
@@ -203,6 +209,16 @@ class Launcher:
             error.exit_status = 2 if status == 2 else 1
             raise error
 
+    def _check_running(self, name, child):
+        """A process that was stopped (SIGSTOP) neither dies nor answers: nobody else would say."""
+        if not _is_stopped(child.pid):
+            self._stopped.pop(name, None)
+            return
+        since = self._stopped.setdefault(name, time.monotonic())
+        if time.monotonic() - since > STOPPED_PATIENCE_S:
+            raise ArmBrachyError(f'{name} is stopped (SIGSTOP or a debugger) and the cell waits '
+                                 f'for it; the run ends (log: {self._log_dir / name}.log)')
+
     def _end_all(self):
         last = [n for n in self._children if n == graph.RECORDER.name]
         self._end([n for n in self._children if n not in last], PATIENCE_S)
@@ -212,6 +228,7 @@ class Launcher:
         """SIGINT, wait, and only then SIGKILL; further Ctrl-C do not cut the closing short."""
         for name in names:
             _signal(self._children[name], signal.SIGINT)
+            _signal(self._children[name], signal.SIGCONT)   # a stopped one hears of it
         deadline = time.monotonic() + patience
         for name in names:
             try:
@@ -219,6 +236,15 @@ class Launcher:
             except subprocess.TimeoutExpired:
                 _signal(self._children[name], signal.SIGKILL)
                 self._children[name].wait()
+
+
+def _is_stopped(pid):
+    """True if a process of ours is stopped: state T in /proc (Linux, proc(5))."""
+    try:
+        text = Path(f'/proc/{pid}/stat').read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return text.rsplit(')', 1)[1].split()[0] == 'T'
 
 
 def _progress(line):
@@ -266,7 +292,7 @@ def where(domain):
     return f'DDS domain {domain}, discovery {node_environment()[DISCOVERY]}'
 
 
-class _Domain:
+class Domain:
     """A DDS domain that no other run on this machine uses: $ROS_DOMAIN_ID, or a free one.
 
     The search starts elsewhere in every process: what a killed run left in the graph of its domain

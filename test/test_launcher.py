@@ -1,10 +1,12 @@
 """The launcher on processes that are not nodes: how they end, and which domain they get."""
 
 import sys
+import time
 from dataclasses import dataclass, field
 
 import pytest
 
+from arm_brachy import launcher
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.launcher import Launcher
 
@@ -37,6 +39,15 @@ def test_a_dead_process_is_named_with_its_status_and_last_line(tmp_path):
     with pytest.raises(ArmBrachyError, match='tracker ended with status 2: no cable') as caught:
         Launcher([script], 'tracker', tmp_path).run()
     assert caught.value.exit_status == 2
+
+
+def test_a_stopped_process_is_named_within_two_seconds(tmp_path):
+    """Nobody else would say so: it does not die, and what waits for it waits for ever."""
+    stops = 'import os, signal; os.kill(os.getpid(), signal.SIGSTOP)'
+    begun = time.monotonic()
+    with pytest.raises(ArmBrachyError, match='cell_clock is stopped'):
+        Launcher([Script('cell_clock', stops)], 'cell_clock', tmp_path).run()
+    assert time.monotonic() - begun < 2.0 + launcher.PATIENCE_S    # closing included
 
 
 def domain_of(tmp_path, on_progress=lambda name, values: None):
