@@ -108,7 +108,8 @@ class AbuseBench(Node):
         allowed = self._word is not None and self._word.state == SafetyState.RUN
         bad = over > self._bounds.overshoot or (not allowed and rest > self._bounds.rest)
         recovered = self._again()
-        return {'kind': fault.kind.name, 'overshoot_mm': round(1e3 * abs(max(float(over), 0.0)), 4),
+        over_mm = round(1e3 * abs(max(float(over), 0.0)), 4)
+        return {'kind': fault.kind.name, 'overshoot_mm': over_mm,
                 'rest_s': 0.0 if allowed else round(rest, 3), 'violated': bool(bad),
                 'recovered': recovered}
 
