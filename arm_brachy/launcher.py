@@ -38,10 +38,11 @@ _prctl = ctypes.CDLL(None).prctl
 
 @dataclass(frozen=True)
 class NodeProcess:
-    """One process to start: node name and its ROS parameters."""
+    """One process to start: node name, its ROS parameters, and the namespace of its cell."""
 
     name: str
     parameters: dict = field(default_factory=dict)
+    namespace: str = ''
 
     def argv(self):
         """Command line; the module form works in a source tree and in an installation."""
@@ -49,7 +50,7 @@ class NodeProcess:
                 '--params-file', str(ros_parameters())]
         for key, value in self.parameters.items():
             args += ['-p', f'{key}:={_ros_text(value)}']
-        return args
+        return args + (['-r', f'__ns:=/{self.namespace}'] if self.namespace else [])
 
 
 def ros_parameters():
@@ -64,9 +65,11 @@ def _ros_text(value):
     return json.dumps(value) if isinstance(value, (bool, str)) else str(value)
 
 
-def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0, watch=False, viewer=True):
+def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0, watch=False, viewer=True,
+                   namespace=''):
     """The processes of a full run of a scenario, recorded into folder `bag`.
 
+    namespace : of the cell, without a leading slash; several may then run in one domain
     watch : the model and the monitor that compares it with the sensors run beside the cell
     viewer : False leaves out the node that draws the cell for viewers, whatever the scenario says
     """
@@ -79,7 +82,7 @@ def cell_processes(cell, scenario_path, bag, *, speed_limit=0.0, watch=False, vi
               'session_key': str(session_key(bag))}
     extra = {'cell_clock': {'speed_limit': float(speed_limit), **_patience(names)},
              'recorder': {'output': str(bag)}}
-    return [NodeProcess(n, {**common, **extra.get(n, {})}) for n in names]
+    return [NodeProcess(n, {**common, **extra.get(n, {})}, namespace) for n in names]
 
 
 def session_key(bag):
@@ -319,17 +322,18 @@ class Domain:
 _claimed = {}      # domain -> its lock, for as long as this process lives
 
 
-def claim_domain(domain):
-    """Take a domain for the life of this process; returns it.
+def claim_domain(domain, namespace=''):
+    """Take a domain, or one namespace in it, for the life of this process; returns the domain.
 
     Raises ArmBrachyError while another cell on this machine has it.
     """
-    if domain not in _claimed:
-        lock = _lock(domain)
+    place = '_'.join([domain, *namespace.strip('/').split('/')]) if namespace else domain
+    if place not in _claimed:
+        lock = _lock(place)
         if lock is None:
             raise ArmBrachyError(f'ROS_DOMAIN_ID = {domain} is in use by another cell on this '
-                                 'machine; set another one')
-        _claimed[domain] = lock
+                                 'machine; set another one, or give each cell a namespace')
+        _claimed[place] = lock
     return domain
 
 

@@ -42,11 +42,17 @@ DOMAIN = 'ROS_DOMAIN_ID'
 def _nodes(context):
     scenario = LaunchConfiguration('scenario').perform(context)
     bag = LaunchConfiguration('bag').perform(context)
-    processes = cell_processes(load_cell(scenario), scenario, bag)
-    domain = claim_domain(os.environ.get(DOMAIN) or '0')
+    namespace = LaunchConfiguration('namespace').perform(context).strip('/')
+    speed_limit = float(LaunchConfiguration('speed_limit').perform(context))
+    watch = LaunchConfiguration('watch').perform(context) == 'true'
+    level = LaunchConfiguration('log_level').perform(context)
+    processes = cell_processes(load_cell(scenario), scenario, bag, speed_limit=speed_limit,
+                               watch=watch, namespace=namespace)
+    domain = claim_domain(os.environ.get(DOMAIN) or '0', namespace)
     key = session_key(bag)
     Session.create(key, domain)
     nodes = [Node(package='arm_brachy', executable=p.name, name=p.name, output='log',
+                  namespace=p.namespace, ros_arguments=['--log-level', level],
                   parameters=[str(ros_parameters()), p.parameters],
                   additional_env=node_environment(), sigterm_timeout=str(_patience(p.name)))
              for p in processes]
@@ -76,12 +82,20 @@ def _patience(name):
 
 
 def generate_launch_description():
-    """The launch description; both arguments have defaults."""
+    """The launch description; all arguments have defaults."""
     return LaunchDescription([
         DeclareLaunchArgument('scenario',
                               default_value=str(config_dir() / 'scenarios' / 'target_1.yaml'),
                               description='scenario file'),
         DeclareLaunchArgument('bag', default_value='cell_bag',
                               description='folder of the recording; must not exist'),
+        DeclareLaunchArgument('namespace', default_value='',
+                              description='of all nodes, topics and services of this cell'),
+        DeclareLaunchArgument('speed_limit', default_value='0',
+                              description='simulated seconds per second; 0 = as fast as possible'),
+        DeclareLaunchArgument('watch', default_value='false',
+                              description='true: tissue_model and mismatch_monitor run beside it'),
+        DeclareLaunchArgument('log_level', default_value='info',
+                              description='debug, info, warn, error or fatal'),
         OpaqueFunction(function=_nodes),
     ])

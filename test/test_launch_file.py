@@ -17,6 +17,7 @@ from arm_brachy.scenario import load_cell
 ROOT = Path(__file__).resolve().parent.parent
 SCENARIO = ROOT / 'config' / 'scenarios' / 'target_1.yaml'
 DOMAIN = '98'
+DEFAULTS = {'namespace': '', 'speed_limit': '0', 'watch': 'false', 'log_level': 'info'}
 PROBE = SCENARIO.with_name('probe_poor.yaml')
 
 
@@ -57,8 +58,9 @@ def launch_file(monkeypatch):
 def test_it_starts_every_node_with_the_parameters_of_the_command(launch_file, tmp_path):
     description = launch_file.generate_launch_description()
     *arguments, action = description.args[0]
-    assert [a.args[0] for a in arguments] == ['scenario', 'bag']
-    context = {'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag')}
+    assert [a.args[0] for a in arguments] == ['scenario', 'bag', *DEFAULTS]
+    assert {a.args[0]: a.kwargs['default_value'] for a in arguments[2:]} == DEFAULTS
+    context = {'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag'), **DEFAULTS}
     made = action.kwargs['function'](context)
     nodes = [m for m in made if type(m).__name__ == 'Node']
     wanted = cell_processes(load_cell(SCENARIO), str(SCENARIO), str(tmp_path / 'bag'))
@@ -70,7 +72,8 @@ def test_it_starts_every_node_with_the_parameters_of_the_command(launch_file, tm
 
 def test_a_scenario_with_moves_starts_the_push_protocol(launch_file, tmp_path):
     action = launch_file.generate_launch_description().args[0][-1]
-    made = action.kwargs['function']({'scenario': str(PROBE), 'bag': str(tmp_path / 'bag')})
+    made = action.kwargs['function']({'scenario': str(PROBE), 'bag': str(tmp_path / 'bag'),
+                                      **DEFAULTS})
     nodes = {m.kwargs['name']: m for m in made if type(m).__name__ == 'Node'}
     assert set(nodes) == set(graph.PROBING_CELL)
     assert nodes['push_protocol'].kwargs['parameters'][-1]['peers'] == list(graph.PROBING_CELL)
@@ -78,7 +81,8 @@ def test_a_scenario_with_moves_starts_the_push_protocol(launch_file, tmp_path):
 
 def test_nodes_run_and_close_as_under_the_command(launch_file, tmp_path):
     action = launch_file.generate_launch_description().args[0][-1]
-    made = action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag')})
+    made = action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag'),
+                                      **DEFAULTS})
     nodes = {m.kwargs['name']: m.kwargs for m in made if type(m).__name__ == 'Node'}
     assert all(n['additional_env'] == node_environment() for n in nodes.values())
     assert node_environment()['OMP_NUM_THREADS'] == '1'
@@ -87,7 +91,8 @@ def test_nodes_run_and_close_as_under_the_command(launch_file, tmp_path):
 
 def test_the_end_of_any_node_ends_the_launch(launch_file, tmp_path):
     action = launch_file.generate_launch_description().args[0][-1]
-    made = action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag')})
+    made = action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag'),
+                                      **DEFAULTS})
     handlers = [m for m in made if type(m).__name__ == 'RegisterEventHandler']
     ends = [h.args[0].kwargs for h in handlers if type(h.args[0]).__name__ == 'OnProcessExit']
     assert [e['target_action'] for e in ends] == [m for m in made if type(m).__name__ == 'Node']
@@ -105,9 +110,19 @@ def test_a_node_that_dies_fails_the_launch_and_says_where_the_bag_is(launch_file
     assert handle(dead, types.SimpleNamespace(is_shutdown=True))    # it was asked to end
 
 
+def test_a_namespace_moves_every_node(launch_file, tmp_path):
+    action = launch_file.generate_launch_description().args[0][-1]
+    made = action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag'),
+                                      **DEFAULTS, 'namespace': '/left/'})
+    assert {m.kwargs['namespace'] for m in made if type(m).__name__ == 'Node'} == {'left'}
+    assert not [t for t in graph.TOPICS if t.name.startswith('/')]
+    assert launcher.NodeProcess('recorder', {}, 'left').argv()[-2:] == ['-r', '__ns:=/left']
+
+
 def test_domain_and_key_are_made_and_named(launch_file, tmp_path, monkeypatch):
     action = launch_file.generate_launch_description().args[0][-1]
-    made = action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag')})
+    made = action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag'),
+                                      **DEFAULTS})
     said = next(m for m in made if type(m).__name__ == 'LogInfo').kwargs['msg']
     key = tmp_path / 'bag.key'
     assert f'DDS domain {DOMAIN}, discovery LOCALHOST' in said and str(key) in said

@@ -13,7 +13,8 @@ from arm_brachy.core.session import Session, domain_of
 
 @click.command()
 @click.argument('bag', type=click.Path())
-def release(bag):
+@click.option('--namespace', default='', metavar='NAME', help='Of the cell, if it has one.')
+def release(bag, namespace):
     """End an emergency stop of the running cell that records into BAG.
 
     The supervisor is reset and every drive released. It needs the key of the session, which lies
@@ -25,7 +26,7 @@ def release(bag):
     """
     key = launcher.session_key(bag)
     Session.load(key)       # says in one line what is wrong with it
-    process = launcher.NodeProcess('release_client', {'session_key': str(key)})
+    process = launcher.NodeProcess('release_client', {'session_key': str(key)}, namespace)
     done = subprocess.run(
         process.argv(), capture_output=True, text=True, check=False,
         env={**os.environ, **launcher.node_environment(), 'ROS_DOMAIN_ID': domain_of(key)})
