@@ -421,7 +421,7 @@ def writers(topic_name, peers):
 
 def is_shared(topic):
     """True for a topic that programs outside the cell may publish as well."""
-    return topic in (CLOCK, TF, OUTCOME, DIAGNOSTICS)
+    return topic in (CLOCK, TF, TF_STATIC, JOINT_STATES, DESCRIPTION, OUTCOME, DIAGNOSTICS)
 
 
 def documentation_table():

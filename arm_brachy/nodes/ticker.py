@@ -173,10 +173,9 @@ class Ticker:
 
         self.listen(topic, arrived, lockstep=self.lockstep or lossless, raw=raw)
 
-    @staticmethod
-    def _author(topic, upstream, raw, receipts):
+    def _author(self, topic, upstream, raw, receipts):
         """Callable that says whose a message is, or its bytes; None where it does not tell."""
-        author = author_of(topic, upstream)
+        author = author_of(topic, upstream, self._node.get_parameter('base_frame').value)
         if author is None or not raw:
             return author
         kind = message_type(topic.type)
