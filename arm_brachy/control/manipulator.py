@@ -196,11 +196,20 @@ class Manipulator:
             else:
                 model = np.array([np.interp(t, times, axis) for axis in track.T])
                 y = np.asarray(y, dtype=float)
-                if far := self.gate.refusal(t, *self.observer.surprise(t, y, model)):
+                far = self.gate.refusal(t, *self.observer.surprise(t, y, model))
+                if far and not self.gate.has_moved(t):
                     refused.append(f'{t:.3f} s: {far}')
+                elif far:
+                    self._start_anew(t, y, model)
                 else:
                     self.observer.update(t, y, model)
         return f'target sample refused ({"; ".join(refused)})' if refused else ''
+
+    def _start_anew(self, t, y, model):
+        """One source that jumped and stays is believed again."""
+        self.observer.reset()
+        self.gate.reset()
+        self.observer.update(t, y, model)
 
     def _picture(self, t, q, state):
         """All that is known before deciding, with the command held."""

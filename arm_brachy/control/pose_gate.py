@@ -4,7 +4,8 @@ A sample is gated where it lies further from the prediction than both a floor an
 the standard deviation of that distance, which grows with the travel of the target since the last
 sample believed. A jump of the tracker, a swapped sensor or a forged pose is gated; creep, noise
 and a wrong model are not. Samples that contradict each other again and again are two sources, of
-which none can be told to be true: then nothing is pushed.
+which none can be told to be true: then nothing is pushed. One source that jumped and stays is
+believed again after a while, in which nothing was pushed either.
 """
 
 from collections import deque
@@ -27,6 +28,9 @@ class PoseGateParams:
     window: float = quantity(
         1.0, 's', 'in which gated samples are added up', low=0.05, high=60.0,
         source='as long as positions are averaged for a goal')
+    reacquire: float = quantity(
+        2.0, 's', 'in which nothing else was believed, until a sample that stays is', low=0.1,
+        high=1e6, source='twice the window: the supervisor has named a stranger within it')
     contradictions: int = 3   # gated samples in the window from which on the pads hold
 
 
@@ -36,7 +40,7 @@ class PoseGate:
     def __init__(self, params):
         """params : PoseGateParams."""
         self.params, self.gated = params, 0
-        self._recent = deque()
+        self._recent, self._since = deque(), None
 
     def refusal(self, t, distance, sd):
         """Why a sample at t [s] is not believed, in a few words; '' if it is.
@@ -45,9 +49,11 @@ class PoseGate:
         """
         allowed = max(self.params.floor, self.params.sigmas * sd)
         if distance <= allowed:
+            self._since = None
             return ''
         self.gated += 1
         self._recent.append(t)
+        self._since = t if self._since is None else self._since
         return (f'{1e3 * distance:.1f} mm from where the target must be, allowed '
                 f'{1e3 * allowed:.1f} mm')
 
@@ -57,6 +63,10 @@ class PoseGate:
             self._recent.popleft()
         return len(self._recent) >= self.params.contradictions
 
+    def has_moved(self, t):
+        """True once nothing but gated samples has come for `reacquire`, at t [s]."""
+        return self._since is not None and t - self._since >= self.params.reacquire
+
     @property
     def suspicious(self):
         """True if samples were gated lately; see `contradicted`."""
@@ -65,3 +75,4 @@ class PoseGate:
     def reset(self):
         """Forget what was gated, not how often."""
         self._recent.clear()
+        self._since = None

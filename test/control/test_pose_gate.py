@@ -61,8 +61,8 @@ def test_a_pose_forged_beside_the_true_one_moves_no_pad_and_is_named():
     assert loop.gate.gated > 300
 
 
-def test_a_pose_that_jumps_for_good_holds_the_pads_where_they_are():
-    """The tracker itself is replaced during the task: no pad goes on by more than a millimetre."""
+def test_two_sources_hold_the_pads_where_they_are():
+    """A second tracker during the task: no pad goes on by more than a millimetre."""
     _, _, before = run(5.0)
     _, steps, q = run(12.0, forge=lambda t, true: true + FORGED if t > 5.0 else None)
     assert np.abs(q - before).max() < 1e-3
@@ -76,6 +76,18 @@ def test_noise_a_wrong_gain_and_an_offset_from_the_start_are_believed(gain, offs
     loop, steps, _ = run(15.0, gain=gain, offset=offset, seed=seed)
     assert loop.gate.gated == 0
     assert abs(steps[-1].error[0]) < 0.3e-3
+
+
+def test_one_source_that_jumps_and_stays_is_believed_after_two_seconds():
+    loop, _, q = run(6.0)
+    seen = REST + J4 @ q + FORGED
+    outcomes = {}
+    for k in range(1, 40):
+        t = 6.0 + 0.1 * k
+        step = loop.step(t, q, [(t - 0.05, seen), (t - 0.025, seen)])
+        outcomes[round(t, 1)] = step.outcome
+    assert all(outcomes[t] is not Outcome.OK for t in (6.1, 7.0, 8.0))
+    assert step.outcome is Outcome.OK and np.allclose(step.estimate, seen, atol=0.1e-3)
 
 
 def test_after_an_abort_the_target_is_taken_where_it_is_seen():
