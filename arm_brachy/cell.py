@@ -5,7 +5,7 @@ the same objects. Nothing here knows ROS.
 """
 
 import importlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -299,6 +299,8 @@ def heard_targets(cell):
 def build_controller(cell):
     """The manipulator on the model side of the cell."""
     pads, params = cell.scene.pads, cell.scenario.control
+    if cell.scenario.feedback != 'em':      # estimators judge their markers themselves
+        params = replace(params, gate=replace(params.gate, floor=np.inf))
     model = TissueModel(cell.model, registry.split(cell.model_terms)[Stage.BODY])
     strokes = np.array([p.stroke for p in pads])
     manipulator = Manipulator(params, model, strokes, cell.scenario.actuators.max_speed,
