@@ -21,7 +21,7 @@ from arm_brachy.diagnosis.report import conclusions
 from arm_brachy.diagnosis.report.answer import Diagnosis
 from arm_brachy.diagnosis.report.curves import worst_curves
 from arm_brachy.diagnosis.report.figures import body_of
-from arm_brachy.diagnosis.report.finding_causes import with_findings
+from arm_brachy.diagnosis.report.finding_causes import said_of_faint, with_findings
 from arm_brachy.diagnosis.report.finding_estimates import interval_of, place_of
 from arm_brachy.diagnosis.report.mesh_notes import FINER, cut_rims, with_mesh
 from arm_brachy.diagnosis.report.page import Shown
@@ -135,7 +135,8 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
     errors = conclusions.errors_of(assembly, best, ratio, tests)
     errors = errors if blur is None else with_mesh(errors, blur, assembly.matched)
     notes = [*([] if blur is not None else [BESIDE_NULLS]), *left_out, *cut_rims(specimen),
-             *judgement.notes, *notes_of(looked), *(note for one in fitted for note in one.notes)]
+             *judgement.notes, *notes_of(looked), *said_of_faint(found),
+             *(note for one in fitted for note in one.notes)]
     causes, where, when = with_findings(found, scene, causes, where, when, decision)
     left = left_over(assembly, explanations)
     causes += [] if fault is None else [fault.cause()]

@@ -50,6 +50,17 @@ class Rules:
 
 
 @dataclass(frozen=True)
+class FindingRules:
+    """When a finding without a tissue model is told as a cause without asking the model."""
+
+    prior: float = quantity(0.01, '', 'odds that a thing that is tested is at fault', low=1e-6,
+                            high=1.0, source='own choice: one fault in some hundred channels and '
+                            'clocks that are tested')
+    told: float = quantity(0.95, '', 'least probability of a finding that is a cause', low=0.5,
+                           high=1.0, source='own choice: one wrong claim in twenty')
+
+
+@dataclass(frozen=True)
 class Calibration:
     """Standard deviations of what a laboratory that did nothing wrong leaves uncalibrated.
 

@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 
-from arm_brachy.diagnosis.results.finding import ALARM, Finding, sigma, threshold
+from arm_brachy.diagnosis.results.finding import ALARM, Finding, sigma_of_few, threshold
 from arm_brachy.diagnosis.signals.regressors import MEMORIES, memories
 from arm_brachy.diagnosis.signals.stream import ENCODER, FORCE
 
@@ -25,9 +25,11 @@ def force_findings(prepared, jumps=()):
     the tissue under this pad remembers of its pushes, so that recovery is no drift, or by what its
     first push has left for good (a guide that rubs, a bond that has bedded in), or both. The
     scatter of the rests about the fit, pooled over the pads, counts as noise: sensors wander from
-    rest to rest by more than they do within one. Where all sensors together ask for it, a force
-    that acted in some successive rests alone is fitted beside: somebody who leaned on the body
-    is no drift, however well a line and a memory bend to it.
+    rest to rest by more than they do within one. It is no less than the noise of the mean of a
+    rest, and known from as many rests as there are more than terms of the fit (`sigma_of_few`).
+    Where all sensors together ask for it, a force that acted in some successive rests alone is
+    fitted beside: somebody who leaned on the body is no drift, however well a line and a memory
+    bend to it.
     Test: diagnosis/structural/test_force.py
     """
     force = prepared.evidence.get(FORCE)
@@ -41,12 +43,13 @@ def force_findings(prepared, jumps=()):
     fits = _unless_leant([_fits(prepared, force, k, rests, t, jumps)
                           for k in range(len(force.names))])
     stiffness = _stiffness(prepared, force, rests)
-    scatter = np.hypot(_scatter(fits), stiffness * _known(prepared, force, rests))
+    scatter, dof = _scatter(fits, _means(prepared, rests))
+    scatter = np.hypot(scatter, stiffness * _known(prepared, force, rests))
     slack = np.hypot(prepared.calibration.force_zero, prepared.calibration.touch * stiffness)
     return tuple(found for pad in dict.fromkeys(force.names)
                  if (index := [k for k in force.on(pad) if fits[k] is not None])
                  for found in _findings(prepared, force, index, [fits[k] for k in index],
-                                        scatter, slack))
+                                        scatter, dof, slack))
 
 
 def _known(prepared, force, rests):
@@ -217,14 +220,23 @@ def _push(prepared, pad):
     return t, q[:, names.index(pad)] if pad in names else np.zeros(len(t))
 
 
-def _scatter(fits):
-    """(c,) standard deviation of rests about their fits, pooled over the pads."""
+def _means(prepared, rests):
+    """(c,) standard deviation of the mean over the shortest of the rests, the noisiest pad's."""
+    noise = prepared.noise[FORCE]
+    return np.sqrt(noise.mean_variance(min(map(len, rests))).max(axis=0))
+
+
+def _scatter(fits, least):
+    """(standard deviation (c,) of rests about their fits, pooled over the pads, at least `least`
+    (c,); degrees of freedom from which it is known).
+    """
     known = [fit for fit in fits if fit is not None]
     total = sum(np.sum(left ** 2, axis=0) for _, _, left, _ in known)
-    return np.sqrt(total / max(sum(dof for *_, dof in known), 1))
+    dof = max(sum(dof for *_, dof in known), 1)
+    return np.maximum(np.sqrt(total / dof), least), dof
 
 
-def _findings(prepared, force, index, fits, scatter, slack):
+def _findings(prepared, force, index, fits, scatter, dof, slack):
     """Findings of one pad by the fits of its channels `index`."""
     calibration, tests = prepared.calibration, TESTS * len(prepared.evidence.pads)
     pad, span = force.names[index[0]], (float(force.t[0]), float(force.t[-1]))
@@ -233,7 +245,7 @@ def _findings(prepared, force, index, fits, scatter, slack):
                                         for _, covariance, *_ in fits]) for i in (0, 1))
     limit = threshold(tests, len(zero))
     out = []
-    z = sigma(rate, rate_sd, calibration.force_drift)
+    z = sigma_of_few(rate, rate_sd, dof, calibration.force_drift)
     if z > limit:
         rate, rate_sd = _in_frame(force, index, rate, rate_sd)
         out.append(Finding(
@@ -241,7 +253,7 @@ def _findings(prepared, force, index, fits, scatter, slack):
             f'The force on {pad} drifts by {60.0 * np.linalg.norm(rate):.2f} N a minute while '
             'nothing pushes.', rivals=('swelling_drift',),
             parameters={'rate': tuple(rate), 'pads': (pad,)}, slack=calibration.force_drift))
-    z = sigma(zero, zero_sd, slack)
+    z = sigma_of_few(zero, zero_sd, dof, slack)
     if z > limit and not any(prepared.evidence.scene.gravity):    # a weight presses at rest
         zero, zero_sd = _in_frame(force, index, zero, zero_sd)
         out.append(Finding(

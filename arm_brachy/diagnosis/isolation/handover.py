@@ -20,11 +20,13 @@ class Given:
     open : that name a term which has rivals, or which a model sees better: left to the comparison
         with the model
     nameless : that name none, silence of a stream left out: it is no departure from the model
+    faint : that name a term and have no rival, but may be chance: as if nothing had been seen
     """
 
     certain: tuple
     open: tuple
     nameless: tuple
+    faint: tuple = ()
 
     @property
     def terms(self):
@@ -45,7 +47,7 @@ def given(recorded, known=(), beside=()):
     beside : Recorded of the same set-up; what one of them shows that has no rival there, and as
         large, has none here, and what is a rival of it there is that
     """
-    certain, open_, nameless = [], [], []
+    certain, open_, nameless, faint = [], [], [], []
     sure = [f for one in beside for f in one.structure.findings if f.term and not f.rivals]
     for one in recorded:
         for finding in one.structure.findings:
@@ -57,8 +59,8 @@ def given(recorded, known=(), beside=()):
             elif finding.term in SEEN_BETTER or finding.rivals:
                 open_.append((finding, one.name))
             else:
-                certain.append((finding, one.name))
-    return Given(tuple(certain), tuple(open_), tuple(nameless))
+                (certain if finding.sure else faint).append((finding, one.name))
+    return Given(tuple(certain), tuple(open_), tuple(nameless), tuple(faint))
 
 
 def _settled(finding, sure):

@@ -13,7 +13,12 @@ from arm_brachy.diagnosis.report.finding_estimates import (
 )
 from arm_brachy.registry import by_name
 
-CERTAIN = 0.999     # probability of what a finding says that has no rival
+
+def said_of_faint(found):
+    """One note for each faint finding of a handover.Given."""
+    return [f'{name}: {finding.statement} That may be chance (probability of a fault '
+            f'{finding.probability:.2f}): no cause is told from it.'
+            for finding, name in found.faint]
 
 
 def _leads(decision):
@@ -36,8 +41,8 @@ def with_findings(found, scene, causes, where, when, decision):
     causes, where, when, seen, split = list(causes), list(where), list(when), set(), None
     told = {cause.term for cause in causes}
     known = told | _leads(decision)
-    sure = [*found.certain, *((f, name) for f, name in found.open
-                              if f.term not in told and not known & set(f.rivals))]
+    sure = [*found.certain, *((f, name) for f, name in found.open if f.sure
+                              and f.term not in told and not known & set(f.rivals))]
     for finding, name in sure:
         key = (finding.term, finding.channel, finding.parameter)
         if key in seen:
@@ -45,10 +50,10 @@ def with_findings(found, scene, causes, where, when, decision):
             continue
         seen.add(key)
         alike = _alike(finding)
-        options = [(cause_of(finding, CERTAIN / (1 + len(alike))), finding)]
+        options = [(cause_of(finding, finding.probability / (1 + len(alike))), finding)]
         if alike and ((finding.term, alike) == split or _may_be_class(decision, causes)):
             split = finding.term, alike     # of several pads: all have the one or the other
-            options = options_of(finding, alike, CERTAIN)
+            options = options_of(finding, alike, finding.probability)
         for cause, said in options:
             if cause in causes:
                 continue

@@ -3,13 +3,14 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import expit
+from scipy.stats import chi2, f
+
+from arm_brachy.diagnosis.settings import FindingRules
 
 ALARM = 1e-3   # probability of a false finding in a recording without faults, all tests together
 ALIKE = 3.0    # standard deviations within which two estimates are one
 CERTAIN = 38.0  # z whose tail is the smallest number there is: for what is seen, not estimated
-
-
 
 
 @dataclass(frozen=True)
@@ -52,10 +53,34 @@ class Finding:
         """True if it is a departure from the model that no term says; silence [s] is none."""
         return self.term is None and self.unit != 's'
 
+    @property
+    def probability(self):
+        """Probability that it is there, by its size z alone."""
+        return probability(self.z, np.size(self.value))
+
+    @property
+    def sure(self):
+        """True if it is a cause without the model being asked."""
+        return self.probability >= FindingRules().told
+
 
 def threshold(tests, dof=1):
     """z above which one of `tests` tests is a finding; `dof` components make up its chi^2."""
     return float(np.sqrt(chi2.isf(ALARM / max(tests, 1), dof)))
+
+
+def probability(z, dof=1, rules=None):
+    """Probability of a fault that shows as `z` standard deviations of `dof` components together.
+
+    Upper bound over the sizes that a fault may have: a tail p gives odds of at most
+    1 / (-e p ln p) (Sellke, Bayarri & Berger 2001, Am Stat 55:62), times the prior odds of
+    settings.FindingRules. Valid for p < 1 / e; 0 for more.
+    """
+    log_tail = chi2.logsf(z**2, dof)
+    if log_tail > -1.0:
+        return 0.0
+    log_odds = np.log((rules or FindingRules()).prior) - 1.0 - log_tail - np.log(-log_tail)
+    return float(expit(log_odds))
 
 
 def sigma(value, sd, slack=0.0):
@@ -65,6 +90,22 @@ def sigma(value, sd, slack=0.0):
     """
     both = np.sqrt(np.square(sd) + slack ** 2)
     return float(np.sqrt(np.sum(np.square(np.asarray(value) / both))))
+
+
+def sigma_of_few(value, sd, dof, slack=0.0):
+    """As `sigma`, where sd (c,) is estimated itself, from so many degrees of freedom.
+
+    z of the chi^2 that is as rare as the Fisher statistic; with slack, which is known, the degrees
+    of freedom are Satterthwaite's (1946, Biometrics Bull 2:110), of the axis that has fewest.
+    Valid for errors that are Gaussian and independent.
+    """
+    value, sd = np.atleast_1d(value), np.atleast_1d(sd)
+    plain = sigma(value, sd, slack)
+    known = dof * ((sd**2 + slack**2) / np.maximum(sd**2, 1e-300))**2
+    rare = f.logsf(plain**2 / len(value), len(value), known.min())
+    if rare < np.log(1e-300):
+        return CERTAIN
+    return float(np.sqrt(chi2.isf(np.exp(rare), len(value))))
 
 
 def weighted_mean(estimates, slack=0.0):

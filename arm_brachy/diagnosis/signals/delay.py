@@ -13,8 +13,12 @@ from functools import cached_property
 import numpy as np
 
 from arm_brachy.diagnosis.signals.regressors import history_columns, moving, play
-from arm_brachy.diagnosis.statistics.gls import BLOCK, whitened
+from arm_brachy.diagnosis.statistics.gls import whitened
 
+# s, of which the scores are compared: what a regression on the encoders leaves may last as long as
+# a push, and sums over less make too little of it (Flyvbjerg & Petersen 1989, J Chem Phys 91:461)
+BLOCKS = (1.0, 2.0, 4.0, 8.0)
+FEWEST_BLOCKS = 6
 REACH = 0.01       # s, over which slopes are taken
 PASSES = 12
 WIDEST = 3.0       # s, delay that is looked for
@@ -43,8 +47,8 @@ def lateness(stream, travel, touch, noise, *, memory=True, lost=()):
     touch : [m] less travel counts as none;  noise : noise.Noise of the stream
     memory : let the stream remember (forces, tissue); False for what is rigid
     lost : numbers of pads that may have play
-    The standard error is the largest of what the noise gives, of the block estimate over 1 s,
-    which sees what the regressors do not explain, and of what the fall of chi^2 from no delay
+    The standard error is the largest of what the noise gives, of block estimates over 1 to 8 s,
+    which see what the regressors do not explain, and of what the fall of chi^2 from no delay
     tells: what is far and hardly explains more was led there by something else. Delays up to
     WIDEST are tried one by one first, since from farther than half a ramp the slope leads
     elsewhere. None as well where the estimate does not settle, or beyond WIDEST.
@@ -148,10 +152,18 @@ class Following:
         if power == 0.0:
             return 0.0, np.inf, np.zeros_like(loud)
         score = np.sum(D * left, axis=1)
-        block = ((self.t - self.t[0]) / BLOCK).astype(int)
+        blocks = max(self._scatter(score, length) for length in BLOCKS) / power
+        return float(score.sum() / power), max(1.0 / np.sqrt(power), blocks), loud
+
+    def _scatter(self, score, length):
+        """Root sum of squares of the score (n,) over blocks of `length` [s], 0 of too few."""
+        block = ((self.t - self.t[0]) / length).astype(int)
         first = np.concatenate([[0], np.flatnonzero(np.diff(block)) + 1])
-        blocks = np.sqrt(np.sum(np.add.reduceat(score, first)**2)) / power
-        return float(score.sum() / power), max(1.0 / np.sqrt(power), float(blocks)), loud
+        sums = np.add.reduceat(score, first)
+        if len(sums) < FEWEST_BLOCKS:
+            return 0.0
+        sums = sums - sums.mean()       # whole, they are the step that is being taken
+        return float(np.sqrt(np.sum(sums**2) * len(sums) / (len(sums) - 1)))
 
     def surprise(self, late):
         """(s,) what is left as chi^2, where it is louder than the noise as noise of its own size.
