@@ -10,6 +10,7 @@ from arm_brachy.diagnosis.settings import FindingRules
 
 ALARM = 1e-3   # probability of a false finding in a recording without faults, all tests together
 ALIKE = 3.0    # standard deviations within which two estimates are one
+LOUDEST = 37.0  # z whose tail as a chi^2 is still a number
 CERTAIN = 38.0  # z whose tail is the smallest number there is: for what is seen, not estimated
 
 
@@ -76,7 +77,7 @@ def probability(z, dof=1, rules=None):
     1 / (-e p ln p) (Sellke, Bayarri & Berger 2001, Am Stat 55:62), times the prior odds of
     settings.FindingRules. Valid for p < 1 / e; 0 for more.
     """
-    log_tail = chi2.logsf(z**2, dof)
+    log_tail = chi2.logsf(min(z, LOUDEST)**2, dof)
     if log_tail > -1.0:
         return 0.0
     log_odds = np.log((rules or FindingRules()).prior) - 1.0 - log_tail - np.log(-log_tail)

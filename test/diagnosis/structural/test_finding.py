@@ -17,15 +17,15 @@ from arm_brachy.diagnosis.settings import FindingRules
 
 @pytest.mark.parametrize('dof', [3, 8])
 def test_estimates_whose_error_is_estimated_alarm_as_often_as_is_said(dof):
-    """10 000 drifts of nothing, by their scatter: as a chi^2 they alarm far more often."""
+    """2000 drifts of nothing, by their scatter: as a chi^2 they alarm far more often."""
     rng = np.random.default_rng(dof)
-    drift = rng.standard_normal((10_000, 3))
-    sd = np.sqrt(rng.chisquare(dof, (10_000, 1)) / dof) * np.ones(3)
-    limit = np.sqrt(chi2.isf(0.01, 3))
+    drift = rng.standard_normal((2000, 3))
+    sd = np.sqrt(rng.chisquare(dof, (2000, 1)) / dof) * np.ones(3)
+    limit = np.sqrt(chi2.isf(0.05, 3))
     few = np.mean([sigma_of_few(*one, dof) > limit for one in zip(drift, sd, strict=True)])
     plain = np.mean([sigma(*one) > limit for one in zip(drift, sd, strict=True)])
-    assert few == pytest.approx(0.01, abs=4 * np.sqrt(0.01 / 10_000))
-    assert plain > 0.013
+    assert few == pytest.approx(0.05, abs=4 * np.sqrt(0.05 / 2000))
+    assert plain > 0.1
 
 
 def test_what_is_known_well_is_taken_as_known():
