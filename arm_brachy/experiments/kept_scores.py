@@ -10,6 +10,7 @@ Test: experiments/test_kept_scores.py
 import ast
 import hashlib
 from dataclasses import astuple, fields
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -55,13 +56,21 @@ def key(modules, *more):
     more : anything whose repr says all of it
     """
     said = hashlib.sha256(repr(more).encode())
+    said.update(_behind(tuple(modules), PACKAGE))
+    return said.hexdigest()[:16]
+
+
+@lru_cache
+def _behind(modules, package):
+    """Digest of the files behind modules of a package: read once in a process."""
+    said = hashlib.sha256()
     paths = {path for module in modules for path in sources(module)}
-    for folder in sorted({path.parent for path in paths} - {PACKAGE}):
+    for folder in sorted({path.parent for path in paths} - {package}):
         paths |= {path for path in folder.rglob('*') if path.suffix in DATA}
     paths |= {path for path in (config_dir() / 'scenes').rglob('breast*') if path.suffix in DATA}
     for path in sorted(paths):
         said.update(path.name.encode() + b'\0' + path.read_bytes())
-    return said.hexdigest()[:16]
+    return said.digest()
 
 
 def read(path, kind):
