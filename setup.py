@@ -29,6 +29,8 @@ NODES = (
     'replayer',
     'cell_viewer',
     'live_view',
+    'release_client',
+    'abuse_bench',
     'supervisor',
 )
 
