@@ -159,7 +159,7 @@ def test_set_up_is_known_to_make(text):
 @pytest.mark.parametrize('text', blocks('ROS machine'))
 def test_what_a_ros_machine_types_names_what_is_there(text):
     assert subprocess.run(['bash', '-n', '-c', text], check=False).returncode == 0
-    named = re.findall(r'config/\S+\.yaml|(?<=arm_brachy )\S+\.launch\.py', text)
+    named = re.findall(r'config/\S+\.(?:yaml|xml)|(?<=arm_brachy )\S+\.launch\.py', text)
     assert named and all((ROOT / n).is_file() or (ROOT / 'launch_scripts' / n).is_file()
                          for n in named)
 
