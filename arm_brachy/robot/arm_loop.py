@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from arm_brachy.robot.contact_model import contact_wrench
-from arm_brachy.robot.force_torque import tool_weight
+from arm_brachy.robot.force_torque import read_wrench
 from arm_brachy.robot.friction import friction_torque
 from arm_brachy.robot.impedance import axial_force, force_slope, impedance_torque, shaped
 from arm_brachy.robot.reference import rotation, rotation_vector, towards
@@ -85,7 +85,7 @@ def run_period(machine, rules, gains, switched, rates, limits, task, touch, memo
     J = point_jacobian(Rs, ps, p, len(q))
     twist = J @ dq
     memory.true_wrench[:] = contact_wrench(R, p, touch.R, touch.p, touch.wrench, touch.stiffness)
-    _sense(machine, memory, R, errors)
+    memory.values[MEASURED] = read_wrench(machine, memory, R, errors)
     if memory.flags[TRIP] == NO_TRIP and (task.mode == POSE or task.mode == FORCE):
         memory.flags[TRIP] = _tripped(machine, rules, memory, p, twist)
         if memory.flags[TRIP] == FORCE_TRIP:
@@ -103,28 +103,6 @@ def run_period(machine, rules, gains, switched, rates, limits, task, touch, memo
     _drive(machine, rules, gains, memory, J, R, p, twist, speed)
     return memory.torque + J.T @ memory.true_wrench - friction_torque(
         dq, machine.friction_level, machine.friction_slope, machine.friction_shift)
-
-
-@numba.njit(cache=True)
-def _sense(machine, memory, R, errors):
-    """What the sensor reads, and the wrench on the probe about its face that follows from it.
-
-    Sensor and face share their axes and lie `sensor` [m] apart along z.
-    """
-    reading = errors.copy()
-    tool_weight(R, machine.gravity, machine.tool_mass, machine.tool_centre, 1.0, reading)
-    f, m = R.T @ memory.true_wrench[:3], R.T @ memory.true_wrench[3:]
-    reading[:3] += f
-    reading[3:] += m
-    reading[3] -= machine.sensor * f[1]
-    reading[4] += machine.sensor * f[0]
-    memory.reading[:] += reading
-    reading -= memory.bias
-    tool_weight(R, machine.gravity, memory.weighed[0], memory.weighed[1:], -1.0, reading)
-    reading[3] += machine.sensor * reading[1]
-    reading[4] -= machine.sensor * reading[0]
-    memory.wrench[:] = reading
-    memory.values[MEASURED] = -reading[2]
 
 
 @numba.njit(cache=True)

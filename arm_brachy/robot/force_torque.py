@@ -104,6 +104,32 @@ def tool_weight(R, gravity, mass, centre, sign, reading):
     reading[5] += centre[0] * f[1] - centre[1] * f[0]
 
 
+@numba.njit(cache=True)
+def read_wrench(holder, memory, R, errors):
+    """One period of the sensor, into memory.wrench (probe, about its face) and memory.reading.
+
+    Sensor and face share their axes and lie holder.sensor [m] apart along z.
+    holder : gravity (3,), tool_mass, tool_centre (3,), sensor
+    memory : true_wrench (6,) of the contact, bias and weighed of the tool as calibrated
+    R : (3, 3) of the probe, frame of gravity;  errors : (6,) zero and noise
+    Returns the force that presses on the face [N].
+    """
+    reading = errors.copy()
+    tool_weight(R, holder.gravity, holder.tool_mass, holder.tool_centre, 1.0, reading)
+    f, m = R.T @ memory.true_wrench[:3], R.T @ memory.true_wrench[3:]
+    reading[:3] += f
+    reading[3:] += m
+    reading[3] -= holder.sensor * f[1]
+    reading[4] += holder.sensor * f[0]
+    memory.reading[:] += reading
+    reading -= memory.bias
+    tool_weight(R, holder.gravity, memory.weighed[0], memory.weighed[1:], -1.0, reading)
+    reading[3] += holder.sensor * reading[1]
+    reading[4] -= holder.sensor * reading[0]
+    memory.wrench[:] = reading
+    return -reading[2]
+
+
 def calibrate(readings, rotations, gravity):
     """Return the ToolLoad that fits readings at rest, nothing touching, in least squares.
 

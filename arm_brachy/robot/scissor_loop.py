@@ -20,7 +20,7 @@ import numba
 import numpy as np
 
 from arm_brachy.robot.contact_model import contact_wrench
-from arm_brachy.robot.force_torque import tool_weight
+from arm_brachy.robot.force_torque import read_wrench
 from arm_brachy.robot.reference import rotation
 
 POSE, FORCE, BRAKE, RETREAT = range(4)
@@ -115,7 +115,7 @@ def run_tick(linkage, rules, task, touch, memory, errors, forces):
     for k in range(len(forces)):
         R, p = pose(linkage, memory.q)
         _bend(linkage, touch, memory, R, p)
-        _sense(linkage, memory, errors[k])
+        memory.values[MEASURED] = read_wrench(linkage, memory, memory.R, errors[k])
         if memory.flags[TRIP] == NO_TRIP and (task.mode == POSE or task.mode == FORCE):
             memory.flags[TRIP] = _tripped(linkage, rules, memory, p)
             if memory.flags[TRIP] == FORCE_TRIP:
@@ -143,25 +143,6 @@ def _bend(linkage, touch, memory, R, p):
     memory.p[:] = p + d[:3]
     memory.true_wrench[:] = contact_wrench(memory.R, memory.p, touch.R, touch.p, touch.wrench,
                                            touch.stiffness)
-
-
-@numba.njit(cache=True)
-def _sense(linkage, memory, errors):
-    """What the sensor reads, and the wrench on the probe about its face that follows from it."""
-    R, reading = memory.R, errors.copy()
-    tool_weight(R, linkage.gravity, linkage.tool_mass, linkage.tool_centre, 1.0, reading)
-    f, m = R.T @ memory.true_wrench[:3], R.T @ memory.true_wrench[3:]
-    reading[:3] += f
-    reading[3:] += m
-    reading[3] -= linkage.sensor * f[1]
-    reading[4] += linkage.sensor * f[0]
-    memory.reading[:] += reading
-    reading -= memory.bias
-    tool_weight(R, linkage.gravity, memory.weighed[0], memory.weighed[1:], -1.0, reading)
-    reading[3] += linkage.sensor * reading[1]
-    reading[4] -= linkage.sensor * reading[0]
-    memory.wrench[:] = reading
-    memory.values[MEASURED] = -reading[2]
 
 
 @numba.njit(cache=True)

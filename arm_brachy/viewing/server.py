@@ -64,6 +64,7 @@ class _Handler(BaseHTTPRequestHandler):
     protocol_version = 'HTTP/1.1'
 
     def do_GET(self):
+        """Answer with a page of the server, whole or part by part as it comes."""
         url = urlsplit(self.path)
         page = self.server.pages.get(url.path)
         if self._foreign():
@@ -77,6 +78,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._flow(answer)
 
     def do_POST(self):
+        """Carry out an action of the server for whoever has the page's token."""
         action = self.server.actions.get(self.path)
         size = int(self.headers.get('Content-Length') or 0)
         token = self.headers.get(TOKEN) or ''
