@@ -57,7 +57,7 @@ class ReleaseClient(Node):
                 break
             time.sleep(0.2)
         self._demand(result, 'successful', 'reason')
-        print(f'{action}: {result.reason}', flush=True)
+        print(f'{action}: {result.reason or "done"}', flush=True)
 
     @staticmethod
     def _demand(answer, done, why):

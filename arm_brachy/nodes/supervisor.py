@@ -153,8 +153,8 @@ class SupervisorNode(Node):
 
     def _on_stop(self, request, response):
         self._safety.stop('emergency stop on request')
-        return self._changed(response, True, 'stopped; to run again call supervisor/reset, then '
-                             'actuator_driver/release')
+        return self._changed(response, True, 'stopped; to run again: arm-brachy release BAG; in a '
+                             'cell without a key supervisor/reset, then actuator_driver/release')
 
     def _on_hold(self, request, response):
         self._safety.hold('hold on request')
