@@ -29,11 +29,13 @@ scenario: setup
 test: setup
 	.venv/bin/ruff check .
 	.venv/bin/python -m pytest -n 2 --dist loadscope --ignore test/ros -m 'not validate'
-	.venv/bin/python -m pytest -n 2 --dist loadfile test/ros -m 'not wall'
-	.venv/bin/python -m pytest test/ros -m wall
+	.venv/bin/python -m pytest -n 2 --dist loadfile test/ros -m 'not wall and not validate'
+	.venv/bin/python -m pytest test/ros -m 'wall and not validate'
 
 validate: setup
-	.venv/bin/python -m pytest -n 2 --dist load -m validate
+	.venv/bin/python -m pytest -n 2 --dist load --ignore test/ros -m validate
+	.venv/bin/python -m pytest -n 2 --dist loadfile test/ros -m 'validate and not wall'
+	.venv/bin/python -m pytest test/ros -m 'validate and wall'
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict

@@ -26,9 +26,20 @@ def numpy_errors_raise():
 @pytest.fixture
 def ros_domain_id(monkeypatch):
     """ROS_DOMAIN_ID of this process, set in its environment: graphs of two workers never meet."""
+    return _private_domain(monkeypatch)
+
+
+@pytest.fixture(scope='module')
+def lasting_domain_id():
+    """The same for nodes that all tests of a module share."""
+    with pytest.MonkeyPatch.context() as patch:
+        yield _private_domain(patch)
+
+
+def _private_domain(patch):
     domain_id = 1 + os.getpid() % HIGHEST_DOMAIN_ID
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain_id))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    patch.setenv('ROS_DOMAIN_ID', str(domain_id))
+    patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     return domain_id
 
 

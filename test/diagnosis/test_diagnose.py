@@ -240,6 +240,7 @@ def test_tissue_that_is_softer_than_in_the_null_recording_lacks_no_physics(recor
     assert E == pytest.approx(0.85, rel=0.03)
 
 
+@pytest.mark.validate
 def test_a_tool_that_sits_elsewhere_than_in_the_null_recording_is_named(record):
     """0.6 mm, three times what a laboratory leaves: otherwise it is the same in both."""
     tool = specimen_of(record().scene).tools[0]

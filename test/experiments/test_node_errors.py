@@ -6,6 +6,7 @@ from arm_brachy.diagnosis.likelihood.constitutive_error import BY_NODES
 from arm_brachy.experiments.node_errors import TERMS, compared
 
 
+@pytest.mark.validate
 def test_meshes_disagree_about_what_hangs_on_nodes_alone():
     loose = 'loose base, 20 mm'
     rows = compared({label: TERMS[label] for label in (loose, 'gradient')})

@@ -60,13 +60,13 @@ def short_scenario():
     return SCENARIO
 
 
-@pytest.fixture
-def live_scenario(tmp_path):
+@pytest.fixture(scope='module')
+def live_scenario(tmp_path_factory):
     """Callable: writes the scenario with more YAML and patience with a loaded machine."""
     def write(more=''):
         config = SCENARIO.parents[2] / 'config'
         text = SCENARIO.read_text().replace('../../config', str(config))
-        path = tmp_path / 'live.yaml'
+        path = tmp_path_factory.mktemp('live') / 'live.yaml'
         path.write_text(f'{text}limits: {{silence_s: 2}}\n{more}\n')
         return path
     return write
@@ -83,7 +83,7 @@ def quiet_run(tmp_path_factory):
 
 @pytest.fixture(scope='session')
 def loaded_run(tmp_path_factory):
-    """Folder of the same run while every core of the machine is kept busy."""
+    """The same of a run while every core of the machine is kept busy."""
     folder = tmp_path_factory.mktemp('loaded') / 'run'
     burners = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
                for _ in range(os.cpu_count())]
@@ -94,7 +94,7 @@ def loaded_run(tmp_path_factory):
             burner.kill()
             burner.wait()
     assert done.returncode == 0, done.stderr + done.stdout
-    return folder
+    return folder, done.stdout
 
 
 class LiveNode:
@@ -133,6 +133,10 @@ class LiveNode:
 @pytest.fixture
 def start_node(ros_domain_id):
     """Callable that starts a LiveNode; all are ended with the test."""
+    yield from _started()
+
+
+def _started():
     nodes = []
 
     def start(name, *parameters):
@@ -142,3 +146,9 @@ def start_node(ros_domain_id):
     yield start
     for node in nodes:
         node.end()
+
+
+@pytest.fixture(scope='module')
+def start_lasting_node(lasting_domain_id):
+    """As `start_node`, for nodes that all tests of a module share."""
+    yield from _started()

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 NOT_SOURCE = ('.*', 'build', 'install', 'log', 'runs', '__pycache__', '*.egg-info')
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.validate]
 
 
 @pytest.fixture(scope='module')

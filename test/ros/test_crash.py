@@ -59,7 +59,7 @@ def test_a_killed_recorder_loses_at_most_a_quarter_second(short_scenario, tmp_pa
     assert report['messages']['/clock'] > 30
 
 
-@pytest.mark.parametrize('presses', [1, 2])
+@pytest.mark.parametrize('presses', [pytest.param(1, marks=pytest.mark.validate), 2])
 def test_ctrl_c_ends_everything_and_keeps_the_recording(command, short_scenario, tmp_path,
                                                        still_alive, presses):
     run = subprocess.Popen([str(command), 'run', str(short_scenario), '--out',
@@ -93,6 +93,7 @@ def test_a_killed_launcher_leaves_no_process_and_a_closed_bag(command, short_sce
         assert reader.topics()['/clock'].count > 5
 
 
+@pytest.mark.validate
 def test_a_dead_node_ends_the_run_with_its_last_words(short_scenario, tmp_path, ros_domain_id):
     cell, killed = load_cell(short_scenario), []
     runner = None

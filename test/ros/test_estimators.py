@@ -62,6 +62,7 @@ def test_a_run_in_one_process_gives_the_same_estimates_and_commands(run, scenari
     assert ours.command_position.values.tobytes() == run.command_position.values.tobytes()
 
 
+@pytest.mark.validate
 def test_a_replay_to_the_live_node_says_the_same_and_is_evaluated(recorded, command_runner,
                                                                   tmp_path):
     done = command_runner('replay', recorded / 'bag', '--node', 'pod_estimator', '--out',

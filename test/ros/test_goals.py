@@ -78,18 +78,31 @@ class Rig(Node):
             goal=Point(x=goal[0], y=goal[1], z=goal[2]), axes=axes))
 
 
-@pytest.fixture
-def rig(start_node, short_scenario, live_scenario, ros_domain_id):
+@pytest.fixture(scope='module')
+def cell(start_lasting_node, short_scenario, live_scenario):
+    """The Rig beside a manipulator that is up; all tests of the module share them."""
     scene = load_scene((short_scenario.parent / '../../config/scenes/breast.yaml').resolve())
     target = next(t for t in scene.targets if t.name == 'target_1')
     rclpy.init()
     node = Rig('target_1', target.position, [p.name for p in scene.pads])
-    start_node('mpc_manipulator', f'scenario:={live_scenario()}', 'pace:=wall',
+    start_lasting_node('mpc_manipulator', f'scenario:={live_scenario()}', 'pace:=wall',
                'peers:=["mpc_manipulator", "actuator_driver", "em_tracker", "supervisor"]')
     assert node.watch(lambda: len(node.states) > 20, 60)  # two seconds of a standing target
     yield node
     node.destroy_node()
     rclpy.try_shutdown()
+
+
+@pytest.fixture
+def rig(cell):
+    """The Rig: no goal, the target stands, pads are retracted, everything is permitted."""
+    cell.q[:], cell.blind, cell.permission = 0.0, False, SafetyState.RUN
+    cell.call(Trigger, 'mpc_manipulator/abort', Trigger.Request())
+    cell.watch(lambda: False, 0.3)
+    cell.states.clear()
+    assert cell.watch(lambda: len(cell.states) > 20 and not cell.states[-1].active, 60)
+    cell.commands.clear()
+    return cell
 
 
 X, XY, XYZ = [True, False, False], [True, True, False], [True, True, True]

@@ -26,6 +26,7 @@ def test_the_procedure_ends_well_and_is_reported(command_runner, tmp_path, ros_d
     assert 'within 0.5 mm of the image plane' in done.stdout
 
 
+@pytest.mark.validate
 def test_a_dead_needle_driver_ends_the_run_and_is_named(tmp_path, ros_domain_id):
     """In lockstep nobody moves without an answer of everybody: a lost node stops the cell."""
     cell, killed = load_cell(SHORT), []

@@ -11,7 +11,8 @@ The comment before a block says of which kind it is:
     driver              the tutorial's package, installed beside the environment
     driver, node        its node, which is started and heard
 All others run in a folder like a clone's, its scenarios cut short; `after the run` in the folder
-of the block before it. YAML blocks of docs/reference are excerpts.
+of the block before it. What starts whole graphs `make validate` runs, and the words are parsed.
+YAML blocks of docs/reference are excerpts.
 """
 
 import os
@@ -180,6 +181,7 @@ def runs():
     return list(once.values())
 
 
+@pytest.mark.validate
 @pytest.mark.parametrize(('page', 'texts'), runs())
 def test_a_block_runs_in_a_clone(page, texts, clone):
     for text in texts:
@@ -187,6 +189,13 @@ def test_a_block_runs_in_a_clone(page, texts, clone):
         assert printed.count('report  ') >= text.count('arm-brachy'), page
 
 
+def test_the_recipe_makes_a_recording_of_files(laboratory):
+    bash(blocks('laboratory', page=TUTORIAL('own_phantom'))[0], laboratory)
+    assert (laboratory / 'phantom.png').stat().st_size > 10_000
+    assert list((laboratory / 'bags/push_1').glob('*.mcap'))
+
+
+@pytest.mark.validate
 def test_the_recipe_runs_from_files_to_a_replay(laboratory):
     for text in blocks('laboratory', page=TUTORIAL('own_phantom')):
         printed = bash(text, laboratory)
@@ -205,7 +214,9 @@ def test_the_two_commands_of_the_readme_are_those_of_the_recipe():
         assert text in recipe
 
 
-@pytest.mark.parametrize('text', [*blocks('laboratory, long'), *blocks('long')])
+@pytest.mark.parametrize('text', [
+    *blocks('laboratory, long'), *blocks('long'), *(text for _, texts in runs() for text in texts),
+    *blocks('laboratory')])
 def test_words_of_a_long_command_are_those_it_knows(text):
     for line in text.replace('\\\n', ' ').splitlines():
         program, name, *rest = shlex.split(line, comments=True)
@@ -250,6 +261,7 @@ def new_term(tmp_path):
     return tmp_path
 
 
+@pytest.mark.validate
 def test_a_new_term_is_one_file_its_test_and_a_line(new_term):
     (text,) = blocks('new term')
     printed = bash(text, new_term, PYTHONPATH=str(new_term))
