@@ -33,7 +33,7 @@ from arm_brachy.estimation.graph_vae.params import GraphVaeParams
 from arm_brachy.estimation.kf_admm import KfAdmmParams
 from arm_brachy.estimation.live import EstimationParams
 from arm_brachy.estimation.map import MapParams, own_mesh
-from arm_brachy.estimation.pod import PodParams
+from arm_brachy.estimation.pod_params import PodParams
 from arm_brachy.robot.probe_arm_params import ProbeArmParams
 from arm_brachy.robot.template import TemplateParams
 from arm_brachy.viewing.params import ViewerParams

@@ -10,7 +10,7 @@ from arm_brachy.estimation import map as map_estimator
 from arm_brachy.estimation.graph_vae import estimator as graph_vae
 from arm_brachy.estimation.kf_admm import KfAdmmParams
 from arm_brachy.estimation.map import MapParams
-from arm_brachy.estimation.pod import PodParams
+from arm_brachy.estimation.pod_params import PodParams
 
 RIMS = 'breast_rims_800.msh'    # beside the model's mesh, with the rims of the pads as edges
 

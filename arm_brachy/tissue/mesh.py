@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csr_array
-from trimesh.triangles import closest_point
 
 from arm_brachy.core.errors import MeshError
 from arm_brachy.core.guard import file_bytes, guarded
@@ -26,6 +25,7 @@ from arm_brachy.tissue.formats.nastran import read_nastran
 from arm_brachy.tissue.formats.other import read_other
 from arm_brachy.tissue.formats.raw import RawMesh, plain
 from arm_brachy.tissue.mesh_check import check_mesh
+from arm_brachy.tissue.triangle import closest_points
 
 # The centre of a 4 mm facial marker (thesis ch. 4) is 2 mm off the skin; the rest allows for its
 # foot and for the difference between the skin and the flat faces of a coarse mesh.
@@ -304,7 +304,7 @@ def _nearest_on_surface(mesh, points):
     faces, owners = _boundary(mesh.tets)
     nearest, owner = np.zeros_like(points), np.zeros(len(points), dtype=np.int64)
     for i, point in enumerate(points):
-        candidates = closest_point(mesh.nodes[faces], np.broadcast_to(point, (len(faces), 3)))
+        candidates = closest_points(mesh.nodes[faces], point)
         best = np.linalg.norm(candidates - point, axis=1).argmin()
         nearest[i], owner[i] = candidates[best], owners[best]
     return nearest, owner

@@ -14,7 +14,7 @@ from arm_brachy.estimation import map as map_estimator
 from arm_brachy.estimation.live import EstimationParams, LiveEstimator
 from arm_brachy.estimation.map import MapParams
 from arm_brachy.estimation.marker_motion import MarkerMotion
-from arm_brachy.estimation.pod import PodParams
+from arm_brachy.estimation.pod_params import PodParams
 from arm_brachy.estimation.unknowns import PriorParams
 
 PERIOD, PUSH = 0.1, np.array([0.003, 0.0])

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import truncnorm
-from trimesh.triangles import closest_point
 
 from arm_brachy.core.quantity import quantities
 from arm_brachy.diagnosis.model.hypothesis import strengths
 from arm_brachy.diagnosis.results.cause import Estimate
 from arm_brachy.tissue.mesh import boundary_faces
+from arm_brachy.tissue.triangle import closest_points
 
 NEAR = 1e-3         # m by which places are moved for a difference: a share of any element
 FAR = 1e-2          # m that one step of a fit may move them: as far as a lump is wide
@@ -223,7 +223,7 @@ def _in_box(number, name, start, nodes):
 def _on_surface(number, name, start, corners):
     """On triangles (f, 3, 3), nearest to points of the plane that touches them at the start."""
     triangle = corners[np.linalg.norm(
-        closest_point(corners, np.broadcast_to(start, (len(corners), 3))) - start,
+        closest_points(corners, start) - start,
         axis=1).argmin()]
     along = np.linalg.qr((triangle[1:] - triangle[0]).T)[0]
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
@@ -247,7 +247,7 @@ def _on_sphere(number, name, start):
 
 def _nearest(corners, point):
     """Point (3,) of triangles (f, 3, 3) nearest to a point."""
-    found = closest_point(corners, np.broadcast_to(point, (len(corners), 3)))
+    found = closest_points(corners, point)
     return found[np.linalg.norm(found - point, axis=1).argmin()]
 
 
