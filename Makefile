@@ -14,7 +14,7 @@ help:
 	@echo 'make setup      .venv with ROS 2 Jazzy, the messages and arm-brachy in it (idempotent)'
 	@echo 'make scenario   set-up, then the whole procedure, its recording and its report'
 	@echo 'make test       set-up, then lint and tests'
-	@echo 'make validate   set-up, then the tests that make test leaves out: whole diagnoses, half an hour'
+	@echo 'make validate   set-up, then the tests that make test leaves out: whole diagnoses, graphs and builds'
 	@echo 'make docs       set-up, then the documentation as a site: site/index.html'
 	@echo 'make clean      remove .venv and site; runs/ stays'
 

@@ -44,7 +44,7 @@ def test_a_run_in_one_process_equals_the_recording_of_the_graph(probed):
     assert ours.optical.points.tobytes() == theirs.optical.points.tobytes()
     assert ours.moves == theirs.moves and ours.moves_planned == theirs.moves_planned == 2
     watchers = of_the_monitor(theirs.outcomes)
-    assert ours.outcomes == [o for o in theirs.outcomes if o not in watchers]
+    assert list(ours.outcomes) == [o for o in theirs.outcomes if o not in watchers]
 
 
 def test_nodes_of_the_closed_loop_take_no_part_and_nothing_is_lost(probed):

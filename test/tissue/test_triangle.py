@@ -9,7 +9,7 @@ from arm_brachy.tissue.triangle import closest_points
 
 @pytest.mark.parametrize('scale', [1e-3, 1.0])
 def test_the_bits_of_trimesh_in_every_region(scale):
-    """Ten thousand triangles: the nearest is in the face of 900, on a side, at a corner of more."""
+    """Ten thousand triangles: the nearest is in the face of some, else on a side, at a corner."""
     rng = np.random.default_rng(1)
     triangles = scale * rng.normal(size=(10_000, 3, 3))
     points = 1.5 * scale * rng.normal(size=(10_000, 3))

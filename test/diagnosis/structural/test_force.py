@@ -140,7 +140,7 @@ def test_somebody_who_leans_on_it_is_no_drift_whichever_rests_that_falls_in(reco
     force = prepared.evidence.get('force')
     rests = [force.t[rows] for rows in _rests(prepared, force)]
     assert len(rests) > 6
-    for first in range(1, len(rests) - 2, 2):
+    for first in range(1, len(rests) - 2, 6):
         within = (force.t >= rests[first][0]) & (force.t <= rests[first + first % 2][-1])
         lean = np.multiply.outer(within, [[0.2, 0.0, 0.1]] * len(force.names))
         runs = [replace(run, force=Series(run.force.t, run.force.values + lean))

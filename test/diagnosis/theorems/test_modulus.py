@@ -98,6 +98,7 @@ def gentle(pushes):
     return pushes(((1, 0, 0, 0), 3e-3, 20e-3), ((0, 1, 0, 0), 3e-3, 20e-3))
 
 
+@pytest.mark.validate
 def test_t3_uniform_relaxation_is_refused_without_forces(accurate, gentle, judge, relaxing):
     found = judge([accurate.watch(gentle, VISCOUS, kinds=(OPTICAL,))], relaxing)
     assert found.verdict == 'nothing_missing'
