@@ -19,6 +19,7 @@ from arm_brachy.core.config import load
 from arm_brachy.core.errors import ArmBrachyError, ConfigError, InputError, Interrupted
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis import pipeline as stages
+from arm_brachy.diagnosis.bags import load_bags
 from arm_brachy.diagnosis.experiment_design.moves import moves_of
 from arm_brachy.diagnosis.free_vibration.corrected_run import as_let_go
 from arm_brachy.diagnosis.free_vibration.screening import is_free
@@ -32,7 +33,6 @@ from arm_brachy.diagnosis.report.page import write_diagnosis
 from arm_brachy.diagnosis.results.formatting import parameter
 from arm_brachy.diagnosis.results.parts import edge_unit
 from arm_brachy.diagnosis.settings import Calibration
-from arm_brachy.diagnosis.signals.loading import load_evidence, told_apart, zero_of
 from arm_brachy.diagnosis.signals.motion import motion_of
 from arm_brachy.diagnosis.stages import Known
 
@@ -89,20 +89,15 @@ def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, quick, t
     files = scene_files(every, scene, scenes_of)
     read = {file: load_scene(file) for file in dict.fromkeys((scene, *files.values()))}
     calibrated = _calibration(calibration, read[scene])
-    zero = zero_of(every)
-    loaded = told_apart([one for some in (bags, null, held_out) for one in load_evidence(
-        some, [read[files[bag]] for bag in some], zero)], every)
-    evidences, rest = loaded[:len(bags)], loaded[len(bags):]
-    sound, tested = rest[:len(null)], rest[len(null):]
-    name = evidences[0].name if len(bags) == 1 else f'{len(bags)} recordings'
-    made_by = summary(name, (), seed=seed)
-    provenance = Provenance(name, seed, made_by.commit, made_by.machine, str(scene), (),
+    loaded = load_bags(bags, lambda bag: read[files[bag]], hold_out=held_out, null=null)
+    made_by = summary(loaded.name, (), seed=seed)
+    provenance = Provenance(loaded.name, seed, made_by.commit, made_by.machine, str(scene), (),
                             _typed(bags, scene, scenes_of, null, held_out, calibration, quick))
     clock.steps = FREE_STEPS if is_free(read[scene]) else STEPS
     with new_folder(result_folder(out, 'diagnosis')) as folder:
-        answer = _run(evidences, sound, tested, provenance, calibrated, quick, time_limit, clock)
-        most = _shows_most(answer.diagnosis, [one.scene for one in evidences])
-        found = _corrected(answer.diagnosis, evidences, most, files[bags[most]], folder)
+        answer = _run(loaded, provenance, calibrated, quick, time_limit, clock)
+        most = _shows_most(answer.diagnosis, [one.scene for one in loaded.fitted])
+        found = _corrected(answer.diagnosis, loaded.fitted, most, files[bags[most]], folder)
         write_diagnosis(found, answer.shown, folder / 'diagnosis.html')
         found.to_json(folder / 'diagnosis.json')
     if json_file:
@@ -147,15 +142,15 @@ def _typed(bags, scene, scenes_of, null, held_out, calibration, quick):
     return ' '.join(words_ + (['--quick'] if quick else []))
 
 
-def _run(evidences, sound, tested, provenance, calibration, quick, time_limit, clock):
+def _run(loaded, provenance, calibration, quick, time_limit, clock):
     """The Answer, under a line of progress; a partial one if it is ended before its time."""
     known = Known()
     left = None if time_limit is None else max(time_limit - clock.elapsed, 1e-3)
     try:
         with shown(clock) as progress, ended_after(left):
             asked = quick_answer if quick else stages.diagnose
-            return asked(evidences, provenance, held_out=tested, null=sound, progress=progress,
-                         calibration=calibration, known=known)
+            return asked(loaded.fitted, provenance, held_out=loaded.held_out, null=loaded.null,
+                         progress=progress, calibration=calibration, known=known)
     except KeyboardInterrupt as ended:
         if not known.evidences:
             raise

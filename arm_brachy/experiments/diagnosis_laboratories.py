@@ -12,12 +12,12 @@ from pathlib import Path
 from arm_brachy.core import config
 from arm_brachy.core.paths import config_dir, share_dir
 from arm_brachy.core.scene import load_scene
+from arm_brachy.diagnosis.bags import load_bags
 from arm_brachy.diagnosis.pipeline import diagnose
 from arm_brachy.diagnosis.report.answer import Provenance
 from arm_brachy.diagnosis.report.page import write_diagnosis
 from arm_brachy.diagnosis.results.formatting import spoken
 from arm_brachy.diagnosis.results.parts import edge_unit
-from arm_brachy.diagnosis.signals.loading import load_evidence, zero_of
 from arm_brachy.evaluation.result import Result, commit_of, machine_description
 from arm_brachy.experiments import dome_rig, recordings, silicone_beam
 from arm_brachy.experiments.parallel import process_pool
@@ -84,13 +84,12 @@ def beams(source, scratch):
 
 def rows_of(pair, out_dir):
     """Diagnose a Pair and write its page; returns a row per stream, errors rms per axis."""
-    scenes = [load_scene(scene) for scene in pair.scenes]
-    zero = zero_of((*pair.fitted, *pair.held_out))
-    fitted, held_out = (load_evidence(bags, scenes, zero)
-                        for bags in (pair.fitted, pair.held_out))
+    scenes = {bag: load_scene(scene) for bags in (pair.fitted, pair.held_out)
+              for bag, scene in zip(bags, pair.scenes, strict=True)}
+    loaded = load_bags(pair.fitted, scenes.get, hold_out=pair.held_out)
     source = Provenance(pair.name, SEED, commit_of(share_dir()), str(machine_description()),
                         ', '.join(Path(scene).name for scene in pair.scenes), ())
-    answer = diagnose(fitted, source, held_out=held_out)
+    answer = diagnose(loaded.fitted, source, held_out=loaded.held_out)
     write_diagnosis(answer.diagnosis, answer.shown, out_dir / f'{pair.name}.html')
     return [_row(pair, answer.diagnosis, fit) for fit in answer.diagnosis.fit]
 

@@ -11,6 +11,8 @@ from arm_brachy.cli import main
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene
+from arm_brachy.diagnosis import bags as loading
+from arm_brachy.diagnosis.bags import LoadedBags
 from arm_brachy.diagnosis.results.cause import Cause
 from arm_brachy.diagnosis.settings import Calibration
 
@@ -58,10 +60,10 @@ def test_every_bag_is_read_with_its_own_scene(monkeypatch):
 
     def stop(*_):
         raise InputError('that is all')
-    monkeypatch.setattr(command, 'zero_of', lambda bags: None)
-    monkeypatch.setattr(command, 'load_evidence', lambda bags, scenes, zero: read.extend(
+    monkeypatch.setattr(loading, 'zero_of', lambda bags: None)
+    monkeypatch.setattr(loading, 'load_evidence', lambda bags, scenes, zero: read.extend(
         zip(bags, [scene.name for scene in scenes], strict=True)) or [])
-    monkeypatch.setattr(command, 'told_apart', stop)
+    monkeypatch.setattr(loading, 'told_apart', stop)
     CliRunner().invoke(main, ['diagnose', 'bare', 'hung', '--hold-out', 'hung_2', '--scene', BEAM,
                               '--scene-of', f'hung={LOADED}', '--scene-of', f'hung_2={LOADED}'])
     assert read == [('bare', 'silicone_beam'), ('hung', 'silicone_beam_load52'),
@@ -88,9 +90,8 @@ def test_what_the_laboratory_says_of_itself_reaches_the_diagnosis(tmp_path, monk
         given['calibration'] = calibration
         raise InputError('that is all')
     monkeypatch.setattr(command.stages, 'diagnose', stop)
-    monkeypatch.setattr(command, 'zero_of', lambda bags: None)
-    monkeypatch.setattr(command, 'load_evidence', lambda *_: [SimpleNamespace(name='one')])
-    monkeypatch.setattr(command, 'told_apart', lambda loaded, bags: loaded)
+    monkeypatch.setattr(command, 'load_bags', lambda *_, **__: LoadedBags(
+        (SimpleNamespace(name='one'),)))
     file = tmp_path / 'calibration.yaml'
     file.write_text('clock_ms: 5\nplacement_mm: 0.8\n', encoding='utf-8')
     said('bag', '--scene', SCENE, '--out', tmp_path / 'out', '--calibration', file)

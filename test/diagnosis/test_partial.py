@@ -19,6 +19,7 @@ from arm_brachy.core import config
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import MeshFile, load_scene, with_mesh
+from arm_brachy.diagnosis.bags import LoadedBags
 from arm_brachy.diagnosis.model.forward import ForwardModel
 from arm_brachy.diagnosis.model.specimen import specimen_of
 from arm_brachy.diagnosis.partial import quick_answer
@@ -136,10 +137,8 @@ def ended(monkeypatch, tmp_path, end, *words):
         end()
 
     monkeypatch.setattr(command.stages, 'diagnose', begin)
-    monkeypatch.setattr(command, 'zero_of', lambda bags: None)
-    monkeypatch.setattr(command, 'load_evidence', lambda *_: [
-        SimpleNamespace(name='one', scene=scene, span=(0.0, 1.0))])
-    monkeypatch.setattr(command, 'told_apart', lambda loaded, bags: loaded)
+    monkeypatch.setattr(command, 'load_bags', lambda *_, **__: LoadedBags((
+        SimpleNamespace(name='one', scene=scene, span=(0.0, 1.0)),)))
     answer = CliRunner().invoke(main, ['diagnose', 'bag', '--scene',
                                        str(SCENES / 'breast.yaml'), '--out',
                                        str(tmp_path / 'out'), *words])
