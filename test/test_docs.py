@@ -1,5 +1,7 @@
 """The documentation: one strict build, and every internal link of README and site alive."""
 
+import ast
+import importlib
 import os
 import re
 import subprocess
@@ -18,6 +20,7 @@ ROOT = Path(__file__).parents[1]
 WRITTEN = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
 LINES = 150     # of README
 FENCED = re.compile(r'^```.*?^```', re.DOTALL | re.MULTILINE)
+PYTHON = re.compile(r'^```python\n(.*?)^```', re.DOTALL | re.MULTILINE)
 LINK = re.compile(r'\]\(([^)\s]+)\)')
 
 
@@ -91,6 +94,18 @@ def test_links_are_files_for_a_reader_of_the_repository(path):
     text = FENCED.sub('', path.read_text(encoding='utf-8'))
     local = [link.partition('#')[0] for link in LINK.findall(text) if '://' not in link]
     assert not [link for link in local if link and not (path.parent / link).is_file()]
+
+
+def test_what_blocks_of_python_import_is_there():
+    """Blocks that are files are run elsewhere; of the others at least the names are right."""
+    wanted = {(node.module, alias.name) for path in WRITTEN
+              for block in PYTHON.findall(path.read_text(encoding='utf-8'))
+              if not block.startswith('# ')
+              for node in ast.walk(ast.parse(block)) if isinstance(node, ast.ImportFrom)
+              and node.module.startswith('arm_brachy.') for alias in node.names}
+    assert ('arm_brachy.diagnosis.bags', 'diagnose_bags') in wanted
+    assert [f'{module}.{name}' for module, name in sorted(wanted)
+            if not hasattr(importlib.import_module(module), name)] == []
 
 
 def test_readme_is_short():
