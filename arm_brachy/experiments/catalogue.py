@@ -13,6 +13,7 @@ from arm_brachy.experiments import (
     dome_rig,
     element_accuracy,
     estimate_feedback,
+    false_alarms,
     figure_3_2,
     figure_4_5,
     figure_4_6,
@@ -43,7 +44,8 @@ EXPERIMENTS = {module.NAME: module.reproduce
                              element_accuracy, reduced_model, diagnosis_study, diagnosis_time,
                              diagnosis_laboratories, dome_faults, gel_block, half_cylinder,
                              node_errors, panda_torques, table_4_1, estimate_feedback,
-                             import_fuzz, appendix_a, figure_4_5, figure_4_6, figure_4_7,
+                             import_fuzz, false_alarms, appendix_a,
+                             figure_4_5, figure_4_6, figure_4_7,
                              figure_5_7, figure_5_8, figure_5_9, figure_5_11, figure_5_12,
                              liver, needle_force, fit_estimators,
                              chapter_6)}

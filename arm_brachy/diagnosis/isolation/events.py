@@ -15,6 +15,7 @@ WEAK = 3.0         # z at which a step counts as a companion of a strong one
 NEAR = 0.2         # of the way between two markers, by which both may miss it that exchange names
 CLEAR = 3.0        # standard deviations between a pad that moved and one that did not
 GROWN = 2.0        # most that tissue moves beside the pad that pushes it
+UNDONE = 0.2       # of a step, that one which takes it back may leave
 
 
 @dataclass(frozen=True)
@@ -80,11 +81,39 @@ def event_findings(prepared, events, frames, follows):
     Most optical markers, base among them: tracker or bench. A pad's marker along its push, all of
     them where there are several: lost steps if the rest of the body follows, a slipped marker if
     it does not, either if nothing tells; not if a tissue marker jumps by more than twice as much.
-    A marker alone: it slipped. Several tissue markers, or a force with them: something touched
-    the body.
+    A marker alone: it slipped, unless a later step takes it back. Several tissue markers, or a
+    force with them: something touched the body.
     Test: diagnosis/structural/test_events.py
     """
-    return tuple(_judge(prepared, event, frames, follows) for event in events)
+    return _unless_undone([_judge(prepared, event, frames, follows) for event in events])
+
+
+def _unless_undone(found):
+    """Findings with slips that are taken back as what they were: a marker pressed for a while.
+
+    Glue that gave way does not come back: a slip is permanent, a press is undone.
+    """
+    slips = sorted((one for one in found if one.term == 'marker_slip'),
+                   key=lambda one: one.t_start)
+    pressed = {}
+    for i, one in enumerate(slips):
+        back = next((other for other in slips[i + 1:] if other.channel == one.channel), None)
+        if back is None or id(one) in pressed or not _cancel(one, back):
+            continue
+        text = (f'{one.channel} alone jumps by {1e3 * np.linalg.norm(one.value):.2f} mm at '
+                f'{one.t_start:.2f} s and back at {back.t_start:.2f} s: something pressed it for '
+                'so long; a marker that slips stays away.')
+        for part in (one, back):
+            pressed[id(part)] = replace(part, term=None, parameter='', parameters={},
+                                        statement=text, rivals=('external_force',))
+    return tuple(pressed.get(id(one), one) for one in found)
+
+
+def _cancel(one, back):
+    """True if the step of one Finding takes back that of another, within errors and UNDONE."""
+    left, size = one.value + back.value, np.linalg.norm(one.value)
+    return np.linalg.norm(left) < UNDONE * size + CLEAR * np.linalg.norm(
+        np.hypot(one.sd, back.sd)) and size > np.linalg.norm(left)
 
 
 def _judge(prepared, event, frames, follows):

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from arm_brachy.diagnosis.signals.regressors import history_columns, moving, play
+from arm_brachy.diagnosis.signals.regressors import history_columns, moving, play, slope
 from arm_brachy.diagnosis.statistics.gls import whitened
 
 # s, of which the scores are compared: what a regression on the encoders leaves may last as long as
@@ -26,6 +26,9 @@ PACE = 0.1         # s, from one delay that is tried to the next: half a ramp of
 THIN = 0.04        # s between the samples that are looked at meanwhile
 BETTER = 30.0      # in chi^2: a delay that far away is taken only if it explains so much more
 LOUD = 1.5         # times its noise, rms, that a channel must follow the pads to be asked
+CLEAR = 0.2        # of the power of a slope that is its own, that a channel must have to be asked
+SHARE = 0.2        # of its answer, sd of what a series remembers of each push with each memory
+RANGE = 3.0        # times its standard deviation, a series' answer to the deepest push
 CLOSE = 0.05       # of the standard deviation, when to stop
 FEWEST = 50        # samples of a channel
 PLAYS = (1e-4, 3e-4, 1e-3)  # m of lost motion; any in between is nearly a mixture
@@ -47,11 +50,13 @@ def lateness(stream, travel, touch, noise, *, memory=True, lost=()):
     touch : [m] less travel counts as none;  noise : noise.Noise of the stream
     memory : let the stream remember (forces, tissue); False for what is rigid
     lost : numbers of pads that may have play
-    The standard error is the largest of what the noise gives, of block estimates over 1 to 8 s,
-    which see what the regressors do not explain, and of what the fall of chi^2 from no delay
-    tells: what is far and hardly explains more was led there by something else. Delays up to
-    WIDEST are tried one by one first, since from farther than half a ramp the slope leads
-    elsewhere. None as well where the estimate does not settle, or beyond WIDEST.
+    The standard error is the largest of what the noise gives, or what is left if that is louder,
+    of block estimates over 1 to 8 s, which see what the regressors do not explain, of how far
+    series and the ways in and out of the pads differ, which a clock has all alike, and of what the
+    fall of chi^2 from no delay tells: what is far and hardly explains more was led there by
+    something else. Delays up to WIDEST are tried one by one first, since from farther than half a
+    ramp the slope leads elsewhere. None as well where the estimate does not settle, or beyond
+    WIDEST.
     Test: diagnosis/structural/test_clocks.py
     """
     inside = heard(stream, travel)
@@ -73,7 +78,7 @@ def lateness(stream, travel, touch, noise, *, memory=True, lost=()):
         return None
     if abs(late) >= WIDEST:
         return None
-    fall = np.sum(following.misfit(0.0)[asked] - following.misfit(late)[asked])
+    fall = np.sum(following.gained(late)[asked])
     error = max(error, abs(late) / np.sqrt(max(fall, 1.0)))
     c = stream.values.shape[2]
     names = tuple(stream.names[often[i]] for i in np.flatnonzero(asked.reshape(-1, c).any(axis=1)))
@@ -133,27 +138,48 @@ class Following:
         return replace(self, t=self.t[::every], seen=self.seen[::every],
                        y=np.where(self.seen, self.y, 0.0)[::every])
 
-    def misfit(self, late):
-        """(s,) chi^2 that each series leaves."""
-        Q, _ = np.linalg.qr(self._white(self._columns(late)))
-        return np.sum(self._unexplained(Q, self._white(self.y))**2, axis=0)
+    def gained(self, late):
+        """(s,) by how much chi^2 of each series falls from no delay to `late` [s], in units of
+        the noise there.
+        """
+        fit = _Explained(self, late)
+        return (_Explained(self, 0.0).cost - fit.cost) / fit.excess
 
     def step(self, late):
-        """One Gauss-Newton step of the delay, its error, and which series follow the pads."""
-        B = self._columns(late)
-        slope = (self._columns(late - REACH) - self._columns(late + REACH)) / (2.0 * REACH)
-        Q, R = np.linalg.qr(self._white(B))
-        Y = self._white(self.y)
-        beta = np.linalg.lstsq(R, Q.T @ Y, rcond=1e-8)[0]
-        loud = np.sqrt(np.mean((B[:, 1:] @ beta[1:])**2, axis=0)) > LOUD
-        D = self._unexplained(Q, self._white(-slope @ beta))[:, loud]
-        left = np.where(self.seen, Y - Q @ (R @ beta), 0.0)[:, loud]
-        power = float(np.sum(D**2))
-        if power == 0.0:
-            return 0.0, np.inf, np.zeros_like(loud)
-        score = np.sum(D * left, axis=1)
-        blocks = max(self._scatter(score, length) for length in BLOCKS) / power
-        return float(score.sum() / power), max(1.0 / np.sqrt(power), blocks), loud
+        """One Gauss-Newton step of the delay, its error, and which series follow the pads.
+
+        The slope D of what is explained has the noise of the coefficients: its power is too large
+        by so much, while the score D r is as loud as all of it (errors in variables: Fuller 1987,
+        Measurement Error Models, sec. 1.2). A series counts as far as its slope is its own.
+        """
+        fit = _Explained(self, late)
+        D, size, own = fit.slopes(self._white(
+            (self._columns(late - REACH) - self._columns(late + REACH)) / (2.0 * REACH)))
+        loud = (fit.follows > LOUD * np.sqrt(fit.excess)) & (own > CLEAR * size)
+        if not loud.any():
+            return 0.0, np.inf, loud
+        share = own[loud] / size[loud]
+        weight = share / fit.excess[loud]
+        power = float(np.sum(own[loud] * weight))
+        score, weights = (D * fit.left)[:, loud] * weight, D[:, loud]**2 * share * weight
+        late = float(score.sum() / power)
+        error = max(1.0 / np.sqrt(power), self._apart(score - late * weights) / power,
+                    *(self._scatter(score.sum(axis=1), length) / power for length in BLOCKS))
+        return late, error, loud
+
+    def _apart(self, left):
+        """Root sum of squares of what scores (n, s) leave in groups that should agree: series,
+        and ways in and out of every pad.
+
+        With what a fit of their mean takes: the jackknife of groups that weigh alike.
+        """
+        v = np.stack([slope(self.t, self.travel[0], q, REACH) for q in self.travel[1].T], axis=1)
+        lead = np.abs(v).argmax(axis=1)
+        way = 2 * lead + (np.take_along_axis(v, lead[:, None], axis=1)[:, 0] > 0.0)
+        groups = left.sum(axis=0), np.bincount(way, weights=left.sum(axis=1))
+        groups = [group[group != 0.0] for group in groups]
+        return max((np.sqrt(len(group) / (len(group) - 1.0) * np.sum(group**2))
+                    for group in groups if len(group) > 1), default=0.0)
 
     def _scatter(self, score, length):
         """Root sum of squares of the score (n,) over blocks of `length` [s], 0 of too few."""
@@ -176,6 +202,19 @@ class Following:
         """(s,) sums of squares of y that no encoder explains, its noise taken for white."""
         Q, _ = np.linalg.qr(self._columns(late))
         return np.sum((self.y - Q @ (Q.T @ self.y))**2, axis=0)
+
+    @cached_property
+    def held(self):
+        """(1 + p,) how firmly each coefficient is held near zero: one over its standard deviation,
+        in those of the series; 0 = it is free.
+        """
+        names = history_columns(self.t[:2], self.travel, self.touch, memory=self.memory)
+        memories = [name.startswith('m') / (SHARE * RANGE) for name in names]
+        size = np.abs(self.travel[1]).max(initial=0.0)
+        # a play is a mixture of some: what each has of it is about one part of so many
+        plays = [size * len(PLAYS) / (RANGE * width) for width in PLAYS]
+        plays *= len(self._gone) // len(PLAYS)
+        return np.array([0.0, *memories, *plays])
 
     def _columns(self, late):
         """(n, 1 + p) a constant, and the history of the encoders."""
@@ -200,3 +239,43 @@ class Following:
     def _unexplained(self, Q, Y):
         """What of Y (n, s) orthonormal columns Q leave where it was seen."""
         return np.where(self.seen, Y - Q @ (Q.T @ Y), 0.0)
+
+
+class _Explained:
+    """Series of a Following regressed on where the encoders were `late` [s] ago.
+
+    What is remembered has a prior, it is no more than the answer itself, and so has what a play
+    takes, in proportion to its width. Without it a memory that is short, times a large number,
+    says nearly what a delay says, and noise is taken for both.
+    left : (n, s) whitened, zero where not seen;  cost : (s,) chi^2, prior included
+    excess : (s,) of chi^2 over its expectation, at least 1;  follows : (s,) rms of what follows
+    """
+
+    def __init__(self, series, late):
+        B = series._columns(late)
+        self._seen, self._B, Y = series.seen, series._white(B), series._white(series.y)
+        prior = series.held**2
+        gram, wide = self._B.T @ self._B, np.maximum(np.std(series.y, axis=0), 1e-12)
+        tiny = 1e-12 * np.trace(gram) * np.eye(len(gram))
+        self._inverse = [np.linalg.inv(gram + np.diag(prior / a**2) + tiny) for a in wide]
+        self._spread = [inverse @ gram @ inverse for inverse in self._inverse]
+        self._beta = np.stack([inverse @ (self._B.T @ y) for inverse, y in
+                               zip(self._inverse, Y.T, strict=True)], axis=1)
+        self.left = np.where(self._seen, Y - self._B @ self._beta, 0.0)
+        squares = np.sum(self.left**2, axis=0)
+        self.cost = squares + np.sum(prior[:, None] * (self._beta / wide)**2, axis=0)
+        free = np.array([np.sum(inverse * gram) for inverse in self._inverse])
+        self.excess = np.maximum(
+            squares / np.maximum(self._seen.sum(axis=0) - free, 1.0), 1.0)
+        self.follows = np.sqrt(np.mean((B[:, 1:] @ self._beta[1:])**2, axis=0))
+
+    def slopes(self, U):
+        """(D (n, s), its power (s,), how much of it is not noise (s,)) of slopes U (n, p)."""
+        BU, UU = self._B.T @ U, U.T @ U
+        D, own = np.empty_like(self.left), np.empty(self.left.shape[1])
+        for j, (inverse, spread) in enumerate(zip(self._inverse, self._spread, strict=True)):
+            D[:, j] = self._B @ (inverse @ (BU @ self._beta[:, j])) - U @ self._beta[:, j]
+            own[j] = np.sum((UU - BU.T @ inverse @ BU) * spread) * self.excess[j]
+        D = np.where(self._seen, D, 0.0)
+        size = np.maximum(np.sum(D**2, axis=0), 1e-300)
+        return D, size, size - own * self._seen.mean(axis=0)

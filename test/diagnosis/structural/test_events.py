@@ -53,6 +53,21 @@ def test_a_base_marker_that_slips_is_not_the_base_that_moves(happened):
     assert (found.term, found.channel) == ('marker_slip', 'base_1')
 
 
+@pytest.mark.parametrize('back, slipped', [(1.0, 0), (0.0, 1), (0.5, 2)])
+def test_a_slip_is_permanent_a_press_is_undone(happened, back, slipped):
+    """A press on one marker was told as two slips; one that goes half of the way back is two."""
+    def press(t, names, points):
+        moved = np.zeros_like(points)
+        moved[..., names.index('tissue_5'), :] = [0.0, 8e-4, 0.0]
+        return points + ((t > ONSET) - back * (t > ONSET + 4.0)) * moved
+
+    found = happened(disturb=press)
+    assert [f.term for f in found].count('marker_slip') == slipped
+    assert all(f.term == 'marker_slip' or 'external_force' in f.rivals for f in found)
+    assert all(f.channel == 'tissue_5' and f.onset is not None for f in found)
+    assert len(found) == (1 if back == 0.0 else 2)
+
+
 def test_lost_steps_move_the_pad_and_what_follows_it(happened):
     found, = happened({'name': 'lost_steps', 'shortfall_mm': 0.6, 'onset_s': ONSET,
                        'actuators': [2]})
