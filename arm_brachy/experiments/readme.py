@@ -26,7 +26,25 @@ from arm_brachy.experiments.half_cylinder import study as half_cylinder
 DOCUMENTS = ('README.md', 'results/trials/README.md',
              *(f'docs/reference/{name}.md' for name in ('nodes', 'messages', 'terms')),
              *(f'docs/results/{name}.md' for name in ('blind_trial', 'planted_terms',
-                                                      'laboratories', 'thesis', 'solvers')))
+                                                      'laboratories', 'thesis', 'solvers',
+                                                      'estimators', 'procedures')))
+# Column of results/chapter-6.json, what it is, its goal, and how many digits are shown.
+PROCEDURE_FIGURES = (
+    ('tip_in_plane_percent', 'tip within 0.5 mm of the image plane [% of the insertion]', '95', 1),
+    ('out_of_plane_rms_mm', 'distance of the tip from the image plane, RMS [mm]', '', 2),
+    ('tip_to_target_mm', 'tip to target at the dwell [mm]', '', 2),
+    ('tip_to_target_across_mm', 'of it across the needle [mm]', '', 2),
+    ('frames_found_percent', 'images in which the tip is found [%]', '95', 1),
+    ('localisation_rms_mm', 'tip in the image, RMS error [mm]', '0.5', 2),
+    ('force_rms_N', 'contact force, RMS error [N]', '0.1', 3),
+    ('force_steady_N', 'contact force, mean error at the end of the dwell [N]', '0.01', 4),
+    ('force_peak_error_N', 'contact force, largest error [N]', '0.3', 2),
+    ('force_overshoot_N', 'contact force, overshoot of its goal until the probe retracts [N]',
+     '0.3', 2),
+    ('off_plan_end_mm', 'tip off its planned path at the end [mm]', '', 2),
+    ('torque_mean_Nm', 'joint torques, mean norm [N m]', '', 1),
+    ('joint_travel_rad', 'way of the joints [rad]', '', 2),
+    ('insertion_s', 'duration of the insertion [s]', '', 1))
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
 
 
@@ -170,6 +188,38 @@ def _half_cylinder(results):
     return laboratory.markdown(_load(results, half_cylinder.NAME))
 
 
+def _estimators(results):
+    lines = ['| estimator | markers | mean error [mm] | at 20 mm pushes [mm] | thesis [mm] | '
+             'below open loop [%] | in 95 % ellipsoid [%] | its 95 % interval | '
+             'CPU time of a step [ms] |', '|---|---|---|---|---|---|---|---|---|']
+    for r in _load(results, 'table-4.1')['rows']:
+        if 'below_open_loop_percent' not in r:
+            continue
+        held = r['in_95_ellipsoid_percent']
+        values = (f'`{r["estimator"]}`', str(r['markers'] or '-'), f'{r["mean_error_mm"]:.3f}',
+                  f'{r["mean_at_20_mm_pushes_mm"]:.2f}', _number(r['thesis_mean_error_mm'], 'g'),
+                  f'{r["below_open_loop_percent"]:.0f}', _number(held, '.1f'),
+                  '-' if held is None else f'{r["interval_low_percent"]:.1f} to '
+                                           f'{r["interval_high_percent"]:.1f}',
+                  f'{r["cpu_ms"]:.1f}')
+        lines.append('| ' + ' | '.join(values) + ' |')
+    return '\n'.join(lines)
+
+
+def _procedures(results):
+    body = _load(results, 'chapter-6')
+    rows = body['rows']
+    lines = ['| figure | goal | ' + ' | '.join(r['scenario'] for r in rows) + ' |',
+             '|---' * (len(rows) + 2) + '|']
+    for key, name, goal, digits in PROCEDURE_FIGURES:
+        lines.append(f'| {name} | {goal} | '
+                     + ' | '.join(f'{r[key]:.{digits}f}' for r in rows) + ' |')
+    missed = [f'{t["name"]} ({t["value"]:.3g} {t["unit"]})' for t in body['targets']
+              if not t['met']]
+    lines += ['', 'Goals missed: ' + ('; '.join(missed) if missed else 'none') + '.']
+    return '\n'.join(lines)
+
+
 def _number(value, form):
     return '-' if value is None else f'{value:{form}}'
 
@@ -189,7 +239,8 @@ BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _s
             'trials': blind_trials.markdown, 'scores': blind_trials.scores,
             'baselines': blind_trials.baselines, 'rate': blind_trials.rate,
             'hides': blind_trials.hidden, 'alike': blind_trials.alike,
-            'headline': _headline, 'messages': reference_tables.messages}
+            'headline': _headline, 'estimators': _estimators, 'procedures': _procedures,
+            'messages': reference_tables.messages}
 
 
 def main():
