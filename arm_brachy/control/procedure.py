@@ -474,6 +474,7 @@ class Procedure:
                 return []
         if self.phase is Phase.FINISHED:
             return [Order(Kind.FINISH)]
+        self._speed_back = None     # the needle was stopped: order it anew afterwards
         if self._held_since is None:
             self._held_since = self._t
             if self.outcome.ok:

@@ -261,6 +261,19 @@ def test_nothing_is_ordered_while_the_supervisor_forbids(permission):
     assert p.phase is Phase.FINISHED and p.outcome is Outcome.HELD and 'a test' in p.message
 
 
+def test_a_hold_on_the_way_out_is_followed_by_the_rest_of_the_way():
+    """The cell stops the needle while it holds; it has to be ordered out again."""
+    toy = Toy().run(until=Phase.WITHDRAWING)
+    toy.run(seconds=1.0)
+    toy.permission, toy.drive = Permission.HOLD, (toy.depth, 1.0)
+    toy.run(seconds=0.5)
+    assert toy.depth > 2e-3
+    toy.permission = Permission.RUN
+    toy.run()
+    assert toy.depth < 2e-3 and toy.procedure.phase is Phase.FINISHED
+    assert toy.procedure.outcome is Outcome.HELD
+
+
 def test_a_hold_that_is_lifted_soon_ends_with_everything_back():
     toy = Toy().run(until=Phase.INSERTING)
     toy.permission = Permission.HOLD
