@@ -6,6 +6,7 @@
     SCANNING     the skin anew: the pads have moved it
     PLACING      needle to where the probe can see its tip
     APPROACHING  probe onto the skin over the tip
+    MEETING      needle on to where the image plane waits, if the probe cannot reach back to it
     INSERTING    needle to its depth, which follows the target: as estimated, and as seen once the
                  images show it; it waits for the probe where it must; the person who sees the
                  overlay turns it back onto its path; the pads may take the target onto where
@@ -36,6 +37,7 @@ _FRESH = 0.5        # s, age from which on an estimate says nothing any more
 _STEP = 0.2e-3      # m by which a wanted depth has to change before it is ordered
 _SHIFT = 0.3e-3     # m by which a wanted goal has to: three errors of what the images show
 _ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: depth sensor's error
+_MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
 _OUT = 1.5e-3       # m of told depth below which the needle is out
 
 
@@ -48,6 +50,7 @@ class Phase(Enum):
     SCANNING = 'scanning'
     PLACING = 'placing'
     APPROACHING = 'approaching'
+    MEETING = 'meeting'
     INSERTING = 'inserting'
     DWELLING = 'dwelling'
     WITHDRAWING = 'withdrawing'
@@ -126,6 +129,8 @@ class Procedure:
         self._depth, self._waits, self._permission, self._reason = None, None, Permission.HOLD, ''
         self._reader = OverlayReader(params.steering)
         self._held_since, self._ordered, self._pursued = None, False, False
+        self._speed_back = None  # m/s that was ordered for the way out
+        self._near = False       # the needle is on the last of its way, which it goes slowly
 
     # What is heard. Times in s, positions (3,) in m.
 
@@ -260,9 +265,23 @@ class Procedure:
             return [Order(Kind.FOLLOW)]
         if probe.phase == ProbePhase.FOLLOW and probe.in_contact:
             if self._lasts_calm(True):
-                self._enter(Phase.INSERTING)
+                self._enter(Phase.MEETING)
         elif not self._lasts_calm(False) and self._elapsed > _FRESH:
             self._probe_well()
+        return None
+
+    def _meeting(self):
+        if not self._probe_well():
+            return None
+        if self._must_wait():
+            return self._wait()
+        behind = -self._probe.out_of_plane
+        if self._lasts_calm(abs(behind) <= _MET):
+            self._enter(Phase.INSERTING)
+        elif behind > _MET and self._elapsed > self.params.calm:    # the probe had time to turn
+            depth = min(self._needle.depth + behind, self.plan.depth)
+            if abs(depth - self._depth) > _STEP:
+                return [self._drive(depth, self.params.speed)]
         return None
 
     def _inserting(self):
@@ -276,9 +295,12 @@ class Procedure:
         if self._lasts_calm(self._there(depth)):
             self._enter(Phase.DWELLING)
             return [*orders, Order(Kind.STAY)]
-        if self._waits is not None or self._depth is None or abs(depth - self._depth) > _STEP:
-            self._waits = None
-            orders.append(self._drive(depth, self.params.speed))
+        near = depth - self._needle.depth < self.params.near
+        if self._waits is not None or abs(depth - self._depth) > _STEP or (
+                near and not self._near):
+            self._waits, self._near = None, near
+            orders.append(self._drive(depth, self.params.near_speed if near
+                                      else self.params.speed))
         return orders
 
     def _dwelling(self):
@@ -286,13 +308,15 @@ class Procedure:
             self._enter(Phase.WITHDRAWING)
 
     def _withdrawing(self):
-        """The probe follows back to where it first saw the tip, then stands still."""
+        """The probe follows back to where it first saw the tip, as slowly, then stands still."""
         orders = []
-        if not self._ordered and self._needle.depth > _OUT:
-            self._ordered = True
-            orders.append(self._drive(0.0, self.params.withdrawal))
-        shallow = self.plan is None or self._needle.depth < self.plan.depth - self.params.view
-        if shallow and self._probe.phase in (ProbePhase.APPROACH, ProbePhase.FOLLOW):
+        seen = self.plan is not None and self._needle.depth >= self.plan.depth - self.params.view
+        following = self._probe.phase in (ProbePhase.APPROACH, ProbePhase.FOLLOW)
+        speed = self.params.speed if seen and following else self.params.withdrawal
+        if self._needle.depth > _OUT and speed != self._speed_back:
+            self._speed_back = speed
+            orders.append(self._drive(0.0, speed))
+        if following and not seen:
             orders.append(Order(Kind.HOLD))
         if self._needle.depth < _OUT:
             self._enter(Phase.RETRACTING)
@@ -471,6 +495,8 @@ _SLOW = {
     Phase.SCANNING: 'no cloud came; look at the scanner',
     Phase.PLACING: 'the needle is {depth} mm deep; look at its drive',
     Phase.APPROACHING: 'no contact over the tip; look at the probe',
+    Phase.MEETING: 'the image plane has not met the tip; choose a smaller view, or look at the '
+                   'probe',
     Phase.INSERTING: 'the needle is {depth} mm deep; look at its drive',
     Phase.WITHDRAWING: 'the needle is {depth} mm deep; pull it out by hand',
     Phase.RETRACTING: 'the probe has not come off; look at the arm',

@@ -22,6 +22,8 @@ class StepLimits:
                               low=0.1, high=600.0, source=_OWN)
     approaching: float = quantity(30.0, 's', 'until the probe is in contact over the tip',
                                   low=0.1, high=600.0, source=_OWN)
+    meeting: float = quantity(30.0, 's', 'until the tip is in the image plane', low=0.1,
+                              high=600.0, source=_OWN)
     inserting: float = quantity(60.0, 's', 'until the needle is at its depth', low=0.1,
                                 high=3600.0, source=_OWN)
     withdrawing: float = quantity(60.0, 's', 'until the needle is out', low=0.1, high=3600.0,
@@ -86,6 +88,12 @@ class ProcedureParams:
                                   'mm over the needle sees 20 mm to either side')
     speed: float = quantity(5.0, 'mm_s', 'of insertion', low=0.1, high=200.0,
                             source='robotic insertion: 5 to 20 mm/s')
+    near: float = quantity(4.0, 'mm', 'before its depth, from which on the needle goes slowly',
+                           low=0.0, high=50.0,
+                           source='own choice: the images show the target by then')
+    near_speed: float = quantity(2.0, 'mm_s', 'of insertion there', low=0.1, high=200.0,
+                                 source='own choice: a probe that follows the tip 0.1 s late goes '
+                                        'on by 0.2 mm once it stops')
     withdrawal: float = quantity(20.0, 'mm_s', 'speed of the way out, and of the way to the skin',
                                  low=0.1, high=200.0, source='own choice')
     dwell: float = quantity(2.0, 's', 'that the needle stays at the target', low=0.0, high=600.0,

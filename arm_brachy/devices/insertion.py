@@ -32,8 +32,12 @@ class InsertionProfile:
                             "strokes' maxima; a command may give another", low=0.1, high=200.0,
                             source='robotic insertion: 5 to 20 mm/s; clinical hands: 123 mm/s, '
                                    '48 mm/s on average; the thesis prints none')
-    acceleration: float = quantity(200.0, 'mm_s2', 'of the motor, and of braking', low=1.0,
-                                   high=1e5, source='full speed in 50 ms (engineering judgement)')
+    acceleration: float = quantity(20.0, 'mm_s2', 'of the motor on a planned way, and at its end',
+                                   low=1.0, high=1e5,
+                                   source='own choice: 5 mm/s in 0.25 s, which a probe that '
+                                          'hears of the tip 70 ms late can follow')
+    braking: float = quantity(200.0, 'mm_s2', 'of a hold', low=1.0, high=1e5,
+                              source='5 mm/s in 25 ms (engineering judgement)')
     stroke: float = quantity(15.0, 'mm', 'mean length of one stroke by hand', low=1.0, high=100.0,
                              source='engineering judgement')
     pause: float = quantity(0.6, 's', 'mean pause between strokes by hand', low=0.0, high=10.0,

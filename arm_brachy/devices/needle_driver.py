@@ -251,10 +251,9 @@ class NeedleDriver:
 
     def hold(self):
         """Brake to rest and stay; the next command is obeyed. Ends no emergency stop."""
-        acceleration = self.params.insertion.acceleration
-        stop = np.clip(stopping_point(self._move.motion, acceleration), 0.0,
-                       self.params.needle.length)
-        self._move = Profile(self._move.motion, float(stop), self.params.max_speed, acceleration)
+        braking = self.params.insertion.braking
+        stop = np.clip(stopping_point(self._move.motion, braking), 0.0, self.params.needle.length)
+        self._move = Profile(self._move.motion, float(stop), self.params.max_speed, braking)
         self._held = True
 
     def stop(self):

@@ -24,6 +24,7 @@ from arm_brachy.diagnosis.report.figures import body_of
 from arm_brachy.diagnosis.report.finding_causes import said_of_faint, with_findings
 from arm_brachy.diagnosis.report.finding_estimates import interval_of, place_of
 from arm_brachy.diagnosis.report.mesh_notes import FINER, cut_rims, with_mesh
+from arm_brachy.diagnosis.report.misfit_film import misfit_states
 from arm_brachy.diagnosis.report.page import Shown
 from arm_brachy.diagnosis.report.partial_residuals import partials
 from arm_brachy.diagnosis.report.traces import traces
@@ -177,7 +178,8 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
     return Answer(diagnosis, Shown(body_of(scene, specimen.mesh),
                                    traces(assembly, explanations),
                                    partials(assembly, explanations),
-                                   worst_curves(assembly, *_drawn(judgement, best, found), ratio)))
+                                   worst_curves(assembly, *_drawn(judgement, best, found), ratio),
+                                   misfit_states(assembly, explanations)))
 
 
 def _drawn(judgement, best, found):

@@ -41,6 +41,7 @@ class Toy:
         self.depth, self.drive, self.hole, self.probe = 0.0, (0.0, 0.0), HOLES[1, 1], 0
         self.p, self.t_dir, self.n, self.home = self.hole.copy(), AXIS, SIDE, True
         self.permission, self.contact, self.seen_off = Permission.RUN, True, None
+        self.nearest = -np.inf      # m along the axis, from which on the probe can see the tip
 
     def run(self, seconds=200.0, until=None):
         """Go on until all is over, a phase begins, or the time is up; returns self."""
@@ -58,7 +59,8 @@ class Toy:
             p.hear_target(self.t, self.target)
         p.hear_needle(NeedleSeen(self.depth))
         touching = self.probe == 2 and self.contact
-        p.hear_probe(ProbeSeen(self.probe, touching, 0.0 if touching else np.nan, *(
+        off = min(0.0, self.p[0] - self.nearest) if touching else np.nan
+        p.hear_probe(ProbeSeen(self.probe, touching, off, *(
             (Outcome.UNREACHABLE, 'too far') if 'probe' in self.broken and self.probe == 3
             else ())))
         p.hear_pads(self.home)
@@ -120,6 +122,39 @@ def test_an_undisturbed_procedure_goes_through_every_step_in_order():
     assert toy.procedure.outcome is Outcome.OK and toy.procedure.message == ''
     assert toy.depth < 2e-3 and toy.probe == 0 and toy.home
     assert toy.orders[-1] is Kind.FINISH
+
+
+def test_the_needle_comes_to_a_probe_that_cannot_reach_back_to_its_tip():
+    toy = Toy(overlay=False).run(until=Phase.MEETING)
+    toy.nearest = toy.p[0] + 7e-3
+    toy.run(until=Phase.INSERTING)
+    assert abs(toy.p[0] - toy.nearest) <= 0.3e-3 + 1e-9
+    toy.run()
+    assert toy.procedure.outcome is Outcome.OK
+
+
+def test_a_probe_that_never_sees_the_tip_ends_the_procedure_before_the_target():
+    toy = Toy(overlay=False).run(until=Phase.MEETING)
+    toy.nearest = toy.target[0] + 0.05
+    deepest = toy.depth
+    while toy.procedure.phase is Phase.MEETING:
+        toy.tick()
+        deepest = max(deepest, toy.depth)
+    assert deepest <= toy.procedure.plan.depth + 1e-9
+    assert toy.procedure.outcome is Outcome.TIMED_OUT
+    assert toy.procedure.message.startswith('meeting: ')
+
+
+def test_the_needle_goes_the_last_of_its_way_slowly():
+    toy = Toy(overlay=False).run(until=Phase.INSERTING)
+    speeds = []
+    while toy.procedure.phase is Phase.INSERTING:
+        before = toy.depth
+        toy.tick()
+        speeds.append((toy.procedure.plan.depth - before, (toy.depth - before) / TICK))
+    far = [v for left, v in speeds if left > 5e-3]
+    last = [v for left, v in speeds if left < 3.5e-3]
+    assert np.isclose(max(far), 5e-3) and np.isclose(max(last), 2e-3)
 
 
 def test_at_the_dwell_the_tip_is_at_the_target():

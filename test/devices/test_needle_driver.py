@@ -38,7 +38,7 @@ def run(needle, seconds, force=0.0, start=0.0):
 def test_the_motor_arrives_in_the_time_of_a_trapezoid():
     needle = driver()
     needle.command(0.08, 0.02)
-    states = run(needle, 5.0)
+    states = run(needle, 6.0)
     profile = EXACT.insertion
     last = 0.08 / 0.02 + 0.02 / profile.acceleration
     moving = [s.t for s in states if s.moving]
@@ -156,7 +156,7 @@ def test_hold_brakes_and_stop_is_at_once_and_lasts(by):
     before = run(needle, 1.0)[-1]
     needle.hold()
     held = run(needle, 1.0, start=1.0)[-1]
-    braking = before.velocity**2 / (2 * EXACT.insertion.acceleration)
+    braking = before.velocity**2 / (2 * EXACT.insertion.braking)
     assert held.outcome is Outcome.HELD and not held.moving
     assert abs(held.true_depth - before.true_depth) <= braking + 2e-3
     needle.command(0.08)

@@ -10,6 +10,7 @@ from arm_brachy.core.config import to_mapping
 from arm_brachy.diagnosis.report import sentences
 from arm_brachy.diagnosis.report.curves import curve_plate
 from arm_brachy.diagnosis.report.figures import fit_plate, when_plate, where_plate
+from arm_brachy.diagnosis.report.misfit_film import MisfitStates, misfit_film, misfit_note
 from arm_brachy.diagnosis.report.next_steps import what_next
 from arm_brachy.diagnosis.report.partial_residuals import partial_plate
 from arm_brachy.diagnosis.results import formatting
@@ -26,6 +27,7 @@ from arm_brachy.evaluation.page import (
     pictures,
     write_page,
 )
+from arm_brachy.viewing.page import film_block
 
 MOODS = {'named': 'bad', 'nothing_missing': 'good', 'equivalent': 'open', 'unexplained': 'open',
          'partial': ''}
@@ -52,13 +54,14 @@ class Shown:
     """What is drawn beside what is said.
 
     body : Body;  traces : figures.Trace each;  partials : partial_residuals.Partial each
-    curves : curves.Curve each
+    curves : curves.Curve each;  misfit : misfit_film.MisfitStates, None = no film
     """
 
     body: Body
     traces: tuple = ()
     partials: tuple = ()
     curves: tuple = ()
+    misfit: MisfitStates | None = None
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,16 @@ def write_diagnosis(d, shown, out_html):
         corrected_has_causes=any(cause.physical for cause in d.causes),
         recalibrated=_recalibrated_grid(d),
         findings=_finding_grid(d), notes=d.notes, recordings=_recording_grid(source),
-        provenance=_provenance(source), command=source.command, scenario='')
+        provenance=_provenance(source), command=source.command, scenario='',
+        **_film(d, shown.misfit))
+
+
+def _film(d, misfit):
+    """The film of the misfit and what it shows; empty without one."""
+    if misfit is None:
+        return {'film': '', 'film_note': ''}
+    return {'film': film_block('misfit', misfit_film(misfit, d.where).text()),
+            'film_note': misfit_note(misfit)}
 
 
 def _headline(d):

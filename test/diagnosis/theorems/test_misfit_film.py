@@ -1,0 +1,72 @@
+"""The film of a misfit: the arrows are where the truth departs from the model, and by as much."""
+
+import json
+
+import numpy as np
+import pytest
+
+from arm_brachy.diagnosis.model.sensitivities import respond
+from arm_brachy.diagnosis.report.misfit_film import (
+    EXAGGERATED,
+    misfit_film,
+    misfit_note,
+    misfit_states,
+)
+from arm_brachy.diagnosis.results.parts import Place
+from arm_brachy.diagnosis.selection.problem import assemble
+from arm_brachy.diagnosis.selection.screening import Tried
+from arm_brachy.diagnosis.signals.stream import OPTICAL
+from arm_brachy.viewing.film import UNIT
+
+NOISE = 1e-4     # m, of a coordinate
+PRESSED = {'name': 'external_force', 'force_N': [0.0, 0.0, -0.4], 'centre_mm': [-20.0, 13.0, 50.0],
+           'radius_mm': 8.0, 'onset_s': 3.6, 'duration_s': 1.5}
+
+
+@pytest.fixture(scope='module')
+def assembly(breast, once, cause):
+    matched = (breast.watch(once, kinds=(OPTICAL,)), breast.watch(once, PRESSED, kinds=(OPTICAL,)))
+    one = cause('external_force', ('force',), centre=(-0.02, 0.013, 0.05), radius=8e-3,
+                onset=3.6, duration=1.5)
+    return assemble(matched, Tried((one,), (tuple(respond(m.baseline, one) for m in matched),)))
+
+
+@pytest.fixture(scope='module')
+def states(assembly):
+    return misfit_states(assembly, assembly.problem.explanations[:1])
+
+
+def test_the_recording_that_is_off_most_is_shown_at_its_states(assembly, states):
+    off = assembly.matched[1]
+    assert np.array_equal(states.t, off.baseline.t)
+    assert np.allclose(states.x[-1], off.baseline.x(len(states.t) - 1)[states.surface.nodes])
+
+
+def test_the_longest_arrow_is_where_and_when_somebody_pressed(states):
+    """Somebody presses for 1.5 s. Nuisances take some of it, the rest is above the noise."""
+    before, after = (np.linalg.norm(left, axis=2) for left in (states.before, states.after))
+    state, marker = np.unravel_index(np.nanargmax(before), before.shape)
+    assert before[state, marker] > 3.0 * NOISE
+    assert after[state, marker] < 0.5 * before[state, marker]
+    assert 3.6 <= states.t[state] <= 5.1
+    centre = 1e-3 * np.array(PRESSED['centre_mm'])
+    away = np.linalg.norm(states.markers[0] - centre, axis=1)
+    assert away[marker] < 15e-3 and states.before[state, marker] @ [0.0, 0.0, -1.0] > 0.0
+
+
+def test_the_film_has_every_state_and_draws_the_region(states):
+    spot = Place(position=(0.01, 0.02, 0.03), radius=5e-3, term='inclusion')
+    film = json.loads(misfit_film(states, (spot, Place(stream=OPTICAL))).text())
+    assert [frame[0] for frame in film['frames']] == pytest.approx(states.t, abs=1e-3)
+    regions = [s for s in film['shapes'] if s['k'] == 'ellipsoid']
+    assert len(regions) == 1 and np.allclose(np.array(regions[0]['d']) * UNIT, 0.01)
+    last = [film['shapes'][k] for k in film['frames'][-1][1]]
+    arrows = [np.reshape(s['p'], (2, 3)) * UNIT for s in last
+              if s['k'] == 'arrow' and film['layers'][s['l']] == 'off, without new physics']
+    seen = np.isfinite(states.before[-1]).all(axis=1)
+    drawn = np.array([tip - foot for foot, tip in arrows])
+    assert np.allclose(drawn, EXAGGERATED * states.before[-1][seen], atol=2 * UNIT)
+
+
+def test_the_note_says_which_recording_and_how_much_longer_the_arrows_are(states):
+    assert 'made up' in misfit_note(states) and '10 times as long' in misfit_note(states)
