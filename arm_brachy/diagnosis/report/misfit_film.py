@@ -1,9 +1,9 @@
 """Where simulation and recording part, as a film: the model, and what the markers are off by.
 
 One recording at its load states: the surface and the markers of the recalibrated model without
-new physics, an arrow from each marker by what is left of its residual, EXAGGERATED, and the same
-with what was found. Registration, zeros and clocks are fitted to each; what the mesh may be wrong
-by is left in, as in the residuals over time.
+new physics, an arrow from each marker by what is left of its residual, longer than it is, and the
+same with what was found. Registration, zeros and clocks are fitted to each; what the mesh may be
+wrong by is left in, as in the residuals over time.
 Test: diagnosis/theorems/test_misfit_film.py
 """
 
@@ -23,7 +23,8 @@ from arm_brachy.viewing.surface import ThinSurface, thinned
 
 TRIANGLES = 1200        # of the surface, at most
 MOST_FRAMES = 150       # with these a film takes about 1 MB
-EXAGGERATED = 10.0
+LONGEST = 15e-3        # m, of an arrow as drawn
+STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)     # of their scale
 LEAST_COLOUR = 1e-4     # m of displacement that is the last colour, at least
 MARKER, SHAFT, PAD_RADIUS = 2.5e-3, 1.2e-3, 6e-3    # m
 PLAIN, BEFORE, AFTER, PLACE = ((0.9, 0.9, 0.9, 1.0), (0.85, 0.2, 0.15, 1.0),
@@ -49,6 +50,12 @@ class MisfitStates:
     markers: np.ndarray
     before: np.ndarray
     after: np.ndarray | None = None
+
+    @property
+    def scale(self):
+        """By which arrows are drawn longer than the residual."""
+        most = np.nanmax(np.linalg.norm(self.before, axis=2))
+        return max((one for one in STEPS if one * most <= LONGEST), default=STEPS[0])
 
 
 def misfit_states(assembly, found):
@@ -100,7 +107,7 @@ def _states(m, left):
 
 
 def misfit_film(states, places):
-    """Return the film.Film of MisfitStates.
+    """Return the JSON text of a film of MisfitStates, which opens where the markers are off most.
 
     places : results.parts.Place each; those with a position are drawn as their 90 % region
     """
@@ -110,7 +117,7 @@ def misfit_film(states, places):
     for i, t in enumerate(states.t):
         film.add(t, [_tissue(states, i, stage), *_pads(states, i), *_markers(states, i),
                      *regions])
-    return film
+    return film.text(start=int(np.nansum(states.before**2, axis=(1, 2)).argmax()))
 
 
 def _tissue(states, i, stage):
@@ -133,7 +140,7 @@ def _markers(states, i):
         if left is None:
             continue
         seen = np.isfinite(left[i]).all(axis=1)
-        shapes += [Shape(layer, Kind.ARROW, np.stack([p, p + EXAGGERATED * d]), colour, SHAFT)
+        shapes += [Shape(layer, Kind.ARROW, np.stack([p, p + states.scale * d]), colour, SHAFT)
                    for p, d in zip(here[seen], left[i][seen], strict=True)]
     return shapes
 
@@ -151,4 +158,4 @@ def misfit_note(states):
             ' Green arrows: the same with what was found.')
     return (f'{states.recording}, at its load states. Surface and grey spheres: the recalibrated '
             'model without new physics, coloured by displacement. Red arrows: from each marker '
-            f'of the model to where it was measured, {EXAGGERATED:g} times as long.{more}')
+            f'of the model to where it was measured, {states.scale:g} times as long.{more}')

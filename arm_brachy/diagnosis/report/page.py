@@ -122,7 +122,7 @@ def _film(d, misfit):
     """The film of the misfit and what it shows; empty without one."""
     if misfit is None:
         return {'film': '', 'film_note': ''}
-    return {'film': film_block('misfit', misfit_film(misfit, d.where).text()),
+    return {'film': film_block('misfit', misfit_film(misfit, d.where)),
             'film_note': misfit_note(misfit)}
 
 

@@ -330,7 +330,7 @@ function playFilm(root, film, hear) {
     button.addEventListener('click', play);
   }
   listLayers(root, film, stage);
-  if (film.frames.length) show(0);
+  if (film.frames.length) show(film.start || 0);
   return {stage, show, film, frame: () => now};
 }
 function listLayers(root, film, stage) {

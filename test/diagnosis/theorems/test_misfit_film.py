@@ -7,7 +7,8 @@ import pytest
 
 from arm_brachy.diagnosis.model.sensitivities import respond
 from arm_brachy.diagnosis.report.misfit_film import (
-    EXAGGERATED,
+    LONGEST,
+    STEPS,
     misfit_film,
     misfit_note,
     misfit_states,
@@ -62,8 +63,9 @@ def test_arrows_show_the_push_where_and_when_it_was_and_lose_it_with_the_cause(
 
 def test_the_film_has_every_state_and_draws_the_region(states):
     spot = Place(position=(0.01, 0.02, 0.03), radius=5e-3, term='inclusion')
-    film = json.loads(misfit_film(states, (spot, Place(stream=OPTICAL))).text())
+    film = json.loads(misfit_film(states, (spot, Place(stream=OPTICAL))))
     assert [frame[0] for frame in film['frames']] == pytest.approx(states.t, abs=1e-3)
+    assert 3.6 <= film['frames'][film['start']][0] <= 5.1      # opens where somebody presses
     regions = [s for s in film['shapes'] if s['k'] == 'ellipsoid']
     assert len(regions) == 1 and np.allclose(np.array(regions[0]['d']) * UNIT, 0.01)
     last = [film['shapes'][k] for k in film['frames'][-1][1]]
@@ -71,8 +73,10 @@ def test_the_film_has_every_state_and_draws_the_region(states):
               if s['k'] == 'arrow' and film['layers'][s['l']] == 'off, without new physics']
     seen = np.isfinite(states.before[-1]).all(axis=1)
     drawn = np.array([tip - foot for foot, tip in arrows])
-    assert np.allclose(drawn, EXAGGERATED * states.before[-1][seen], atol=2 * UNIT)
+    assert np.allclose(drawn, states.scale * states.before[-1][seen], atol=2 * UNIT)
 
 
 def test_the_note_says_which_recording_and_how_much_longer_the_arrows_are(states):
-    assert 'made up' in misfit_note(states) and '10 times as long' in misfit_note(states)
+    note, most = misfit_note(states), np.nanmax(np.linalg.norm(states.before, axis=2))
+    assert 'made up' in note and f'{states.scale:g} times as long' in note
+    assert states.scale in STEPS and LONGEST / 3.0 < states.scale * most <= LONGEST
