@@ -59,7 +59,7 @@ def tip_over_depth(data):
     path.set_ylabel('off axis\n/ mm')
     path.set_xlabel('depth of the tip along the hole / mm')
     for one in (plane, image, path):
-        one.legend(loc='lower right', ncols=3)
+        one.legend(loc='best', ncols=3)
     figure.align_ylabels([plane, image, path])
     return Plate('tip_over_depth', figure, (
         'The true tip over its depth, during the insertion. Top: its distance from the image '
