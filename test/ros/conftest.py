@@ -17,7 +17,7 @@ COMMAND = Path(sys.prefix) / 'bin' / 'arm-brachy'
 def arm_brachy(*args, **kwargs):
     """Run the command to its end; returns the CompletedProcess with text output."""
     return subprocess.run([str(COMMAND), *map(str, args)], capture_output=True, text=True,
-                          timeout=240, check=False, **kwargs)
+                          timeout=480, check=False, **kwargs)
 
 
 def processes_of(folder):

@@ -75,28 +75,28 @@ def test_the_needle_goes_to_its_depth_turns_and_stops(make):
     tick(1, NEEDLE_COMMAND=command(1, ['needle'], [0.02], [0.02]))
     assert out['_state_pub'][-1].position[0] == 0.0 and not out['_tip_pub']
     tick(2, SAFETY=safety(2), NEEDLE_COMMAND=command(2, ['needle'], [0.02], [0.02]))
-    for k in range(3, 30):
+    for k in range(3, 50):
         tick(k, SAFETY=safety(k))
     state, tip, shaft = (wired(out[n][-1]) for n in ('_state_pub', '_tip_pub', '_truth_pub'))
     assert isinstance(state, JointState) and list(state.name) == ['needle', 'roll']
     assert abs(state.position[0] - 0.02) < 1e-3
-    assert 0 < convert.nanoseconds(tip) <= convert.nanoseconds(state) == 29 * TICK
+    assert 0 < convert.nanoseconds(tip) <= convert.nanoseconds(state) == 49 * TICK
     points = convert.positions_in(shaft)
     R, p = convert.rigid(tip.pose)
     assert np.linalg.norm(points[-1] - p) < 1e-3 and tip.header.frame_id == 'cell_base'
     assert np.allclose(convert.rigid(shaft.poses[-1])[0][:, 2], R[:, 2], atol=0.01)
-    tick(30, SAFETY=safety(30), NEEDLE_COMMAND=command(30, ['roll'], [0.5]))
+    tick(50, SAFETY=safety(50), NEEDLE_COMMAND=command(50, ['roll'], [0.5]))
     assert out['_state_pub'][-1].position[1] == 0.5
     pull = WrenchStamped()
     pull.wrench.force = convert.vector(-9.0 * R[:, 2])
-    tick(31, SAFETY=safety(31), NEEDLE_COMMAND=command(31, ['needle'], [0.05]),
+    tick(51, SAFETY=safety(51), NEEDLE_COMMAND=command(51, ['needle'], [0.05]),
          TRUTH_NEEDLE_FORCE=pull)
-    tick(32, SAFETY=safety(32))
+    tick(52, SAFETY=safety(52))
     assert abs(out['_state_pub'][-1].effort[0] - 9.0) < 0.2
     assert abs(out['_state_pub'][-1].position[0] - 0.02) < 1e-3     # force_limit_N
-    tick(33, SAFETY=safety(33, SafetyState.STOP))
+    tick(53, SAFETY=safety(53, SafetyState.STOP))
     assert not node.release._on_call(None, Trigger.Response()).success
-    tick(34, SAFETY=safety(34))
+    tick(54, SAFETY=safety(54))
     assert node.release._on_call(None, Trigger.Response()).success
 
 

@@ -54,9 +54,10 @@ def lateness(stream, travel, touch, noise, *, memory=True, lost=()):
     of block estimates over 1 to 8 s, which see what the regressors do not explain, of how far
     series and the ways in and out of the pads differ, which a clock has all alike, and of what the
     fall of chi^2 from no delay tells: what is far and hardly explains more was led there by
-    something else. Delays up to WIDEST are tried one by one first, since from farther than half a
-    ramp the slope leads elsewhere. None as well where the estimate does not settle, or beyond
-    WIDEST.
+    something else; and, of encoders that are read more seldom than PACE, of what is uniform
+    between two readings. Delays up to WIDEST are tried one by one first, since from farther than
+    half a ramp the slope leads elsewhere. None as well where the estimate does not settle, or
+    beyond WIDEST.
     Test: diagnosis/structural/test_clocks.py
     """
     inside = heard(stream, travel)
@@ -80,6 +81,9 @@ def lateness(stream, travel, touch, noise, *, memory=True, lost=()):
         return None
     fall = np.sum(following.gained(late)[asked])
     error = max(error, abs(late) / np.sqrt(max(fall, 1.0)))
+    seldom = float(np.median(np.diff(travel[0])))
+    if seldom > PACE:       # nobody saw where a ramp began
+        error = max(error, seldom / np.sqrt(12.0))
     c = stream.values.shape[2]
     names = tuple(stream.names[often[i]] for i in np.flatnonzero(asked.reshape(-1, c).any(axis=1)))
     return Lateness(float(late), float(error), names)
