@@ -280,7 +280,8 @@ class Procedure:
             self._enter(Phase.INSERTING)
         elif behind > _MET and self._elapsed > self.params.calm:    # the probe had time to turn
             depth = min(self._needle.depth + behind, self.plan.depth)
-            if abs(depth - self._depth) > _STEP:
+            if self._waits is not None or abs(depth - self._depth) > _STEP:
+                self._waits = None
                 return [self._drive(depth, self.params.speed)]
         return None
 

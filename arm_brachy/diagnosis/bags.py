@@ -65,15 +65,24 @@ def diagnose_bags(bags, scene, *, null=(), hold_out=(), calibration=None, seed=0
     common = _scene(scene)
     loaded = load_bags(tuple(bags), lambda bag: own.get(str(bag), common),
                        hold_out=tuple(hold_out), null=tuple(null))
-    said = Provenance(
-        loaded.name, seed, commit_of(share_dir()), machine_description(),
-        common.name if isinstance(scene, Scene) else str(scene), (),
-        f'diagnose_bags({[str(b) for b in bags]}, {str(getattr(scene, "name", scene))!r}, '
-        f'null={[str(b) for b in null]}, hold_out={[str(b) for b in hold_out]}, seed={seed})')
+    given = {'null': [*map(str, null)], 'hold_out': [*map(str, hold_out)], 'seed': seed,
+             'calibration': _said(calibration),
+             'scenes': {str(bag): _said(one) for bag, one in (scenes or {}).items()}}
+    words = [repr([*map(str, bags)]), repr(_said(scene)),
+             *(f'{key}={value!r}' for key, value in given.items() if value)]
+    said = Provenance(loaded.name, seed, commit_of(share_dir()), machine_description(),
+                      _said(scene), (), f'diagnose_bags({", ".join(words)})')
     if calibration is not None and not isinstance(calibration, Calibration):
         calibration = load(Calibration, calibration)
     return diagnose(loaded.fitted, said, held_out=loaded.held_out, null=loaded.null,
                     calibration=calibration, progress=progress)
+
+
+def _said(one):
+    """What was given, for who types it again: a path, or the name of what has none; None stays."""
+    if isinstance(one, (Scene, Calibration)):
+        return getattr(one, 'name', repr(one))
+    return None if one is None else str(one)
 
 
 def _scene(one):

@@ -38,7 +38,7 @@ PROCEDURE_FIGURES = (
     ('localisation_rms_mm', 'tip in the image, RMS error [mm]', '0.5', 2),
     ('force_rms_N', 'contact force, RMS error [N]', '0.1', 3),
     ('force_steady_N', 'contact force, mean error at the end of the dwell [N]', '0.01', 4),
-    ('force_peak_error_N', 'contact force, largest error [N]', '0.3', 2),
+    ('force_peak_error_N', 'contact force, largest error [N]', '', 2),
     ('force_overshoot_N', 'contact force, overshoot of its goal until the probe retracts [N]',
      '0.3', 2),
     ('off_plan_end_mm', 'tip off its planned path at the end [mm]', '', 2),

@@ -133,6 +133,21 @@ def test_the_needle_comes_to_a_probe_that_cannot_reach_back_to_its_tip():
     assert toy.procedure.outcome is Outcome.OK
 
 
+def test_contact_lost_on_the_way_to_the_image_plane_stops_the_needle_for_so_long():
+    toy = Toy(overlay=False).run(until=Phase.MEETING)
+    toy.nearest = toy.p[0] + 7e-3
+    toy.run(seconds=1.6)
+    toy.contact = False
+    toy.run(seconds=0.2)
+    stopped = toy.depth
+    toy.run(seconds=1.0)
+    assert toy.depth == stopped and toy.procedure.phase is Phase.MEETING
+    toy.contact = True
+    toy.run(until=Phase.INSERTING)
+    assert abs(toy.p[0] - toy.nearest) <= 0.3e-3 + 1e-9
+    assert toy.run().procedure.outcome is Outcome.OK
+
+
 def test_a_probe_that_never_sees_the_tip_ends_the_procedure_before_the_target():
     toy = Toy(overlay=False).run(until=Phase.MEETING)
     toy.nearest = toy.target[0] + 0.05

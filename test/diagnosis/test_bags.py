@@ -49,6 +49,15 @@ def test_a_scene_of_its_own_and_a_calibration_file_are_read(asked, tmp_path):
     diagnose_bags(['a', 'b'], load_scene(SCENE), scenes={'b': BEAM}, calibration=file)
     assert [one.scene for one in asked['fitted']] == ['breast', 'silicone_beam']
     assert asked['calibration'] == Calibration(clock=5e-3)
+    assert asked['provenance'].command == (
+        f"diagnose_bags(['a', 'b'], 'breast', calibration='{file}', scenes={{'b': '{BEAM}'}})")
+
+
+def test_the_answer_says_how_to_get_it_again(asked):
+    diagnose_bags(['a'], SCENE, null=['n'], seed=5)
+    assert asked['provenance'].scene == str(SCENE)
+    assert asked['provenance'].command == (
+        f"diagnose_bags(['a'], '{SCENE}', null=['n'], seed=5)")
 
 
 def test_a_scene_that_is_not_there_is_said_in_one_line(asked, tmp_path):
