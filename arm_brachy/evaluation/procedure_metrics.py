@@ -6,6 +6,7 @@ All distances are of the true tip, all over the step INSERTING unless they say o
     target located   target by its outlines in the images less the true target, over INSERTING
                      and DWELLING
     off axis         distance of the tip from the axis of its hole
+    insertion length way of the needle by its told depth, first to deepest
     miss             distance of tip and target, mean over DWELLING; across and along the needle
     force            of every period of the controller, less its goal, from the moment it has
                      first come within `settled` of it
@@ -46,6 +47,7 @@ class ProcedureMetrics:
     outcome: str
     duration: float
     insertion: float
+    insertion_length: float
     in_plane: float
     plane_rms: float
     plane_largest: float
@@ -96,6 +98,7 @@ def assess_procedure(data, target):
     values |= _overshoot(data)
     if inserting is not None:
         values['insertion'] = min(inserting[1], data.steps[-1][0]) - inserting[0]
+        values |= _length(data, inserting)
         values |= _plane(data, inserting) | _image(data, inserting) | _path(data, inserting)
         values |= _force(data, inserting, dwelling) | _effort(data, inserting)
     if dwelling is not None and target is not None:
@@ -104,6 +107,11 @@ def assess_procedure(data, target):
         values |= _located(data, target, (inserting if dwelling is None else
                                           (inserting[0], dwelling[1])))
     return ProcedureMetrics(**values)
+
+
+def _length(data, window):
+    depth = np.empty(0) if data.needle is None else data.needle.between(*window).values
+    return {'insertion_length': float(depth[:, 0].max() - depth[0, 0])} if len(depth) else {}
 
 
 def _plane(data, window):
@@ -259,6 +267,7 @@ def procedure_row(numbers):
     n = numbers
     return {
         'outcome': n.outcome, 'duration_s': n.duration, 'insertion_s': n.insertion,
+        'insertion_mm': n.insertion_length * MM,
         'tip_in_plane_percent': 100 * n.in_plane, 'out_of_plane_rms_mm': n.plane_rms * MM,
         'out_of_plane_largest_mm': n.plane_largest * MM,
         'localisation_rms_mm': n.localisation_rms * MM, 'frames_found_percent': 100 * n.found,

@@ -43,7 +43,8 @@ def run(lag=0.0, force_error=0.0, seen_off=0.0, drop=0):
     return ProcedureData(
         steps=STEPS, tip=tip, axis=still(0, 1, 0), tip_image=seen, probe=probe,
         state=still(2, 1, 3.0, 0.0), force=force, joints=still(*range(7)),
-        torque=still(3, 4, 0, 0, 0, 0, 0), needle=still(0, 0, 1.5), target='t')
+        torque=still(3, 4, 0, 0, 0, 0, 0), target='t',
+        needle=Series(T, np.column_stack([y, 0 * T, 0 * T + 1.5])))
 
 
 def test_a_probe_that_lags_is_out_of_plane_by_its_lag():
@@ -52,6 +53,13 @@ def test_a_probe_that_lags_is_out_of_plane_by_its_lag():
     numbers = assess_procedure(data, still(0, 0.02, 0.001))
     assert numbers.in_plane == 1.0 and numbers.plane_rms == pytest.approx(0.4e-3)
     assert assess_procedure(run(lag=0.6e-3), None).in_plane == 0.0
+
+
+def test_the_length_of_an_insertion_is_the_way_of_the_needle_in_that_step():
+    later = tuple((t + 2.5 * (said['phase'] == 'inserting'), said) for t, said in STEPS)
+    assert assess_procedure(run(), None).insertion_length == pytest.approx(20e-3, abs=2e-4)
+    numbers = assess_procedure(replace(run(), steps=later), None)
+    assert numbers.insertion_length == pytest.approx(10e-3, abs=2e-4)
 
 
 def test_miss_is_split_along_and_across_the_needle():
@@ -104,4 +112,4 @@ def test_goals_are_met_or_missed_or_cannot_be_judged():
 def test_the_row_has_every_number_with_its_unit():
     row = procedure_row(assess_procedure(run(), still(0, 0.02, 0.001)))
     assert row['tip_in_plane_percent'] == 100.0
-    assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 22
+    assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 23

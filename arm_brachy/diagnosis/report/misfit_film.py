@@ -158,5 +158,5 @@ def misfit_note(states):
             ' Green arrows: the same with what was found.')
     return (f'{states.recording}, at its load states. Surface and grey spheres: the recalibrated '
             'model without new physics, coloured by displacement. Red arrows: from each marker '
-            f'of the model to where it was measured, {states.scale:g} times as long; registration, '
-            f'zeros and clocks are fitted.{more}')
+            f'of the model to where it was measured, {states.scale:g} times as long; '
+            f'registration, zeros and clocks are fitted.{more}')
