@@ -9,7 +9,7 @@ against the closed form, without a network.
 """
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.sparse.linalg import svds
 
 from arm_brachy.core.errors import InputError, NotConverged
 from arm_brachy.core.outcome import Outcome
@@ -55,16 +55,21 @@ class Pod:
         body = self._forward.model.body
         domain = PushDomain.of(body, self.params.reach)
         pushes = sample_pushes(domain, self.params.pushes, stream(self.params.seed, 'pod'))
-        effects = []
-        for push, x in zip(pushes, solve_pushes(body, domain, pushes).x, strict=True):
+        effects = None      # one array for all pushes: it has a hundred megabytes
+        for i, (push, x) in enumerate(zip(pushes, solve_pushes(body, domain, pushes).x,
+                                          strict=True)):
             q = np.einsum('pi,pi->p', push, self._forward.model.directions)
-            effects.append(self._forward.nodal_response(x, q) / np.abs(q).max())
-        effects = np.hstack(effects)
-        gram = effects.T @ effects / len(pushes)
-        r = min(self.params.modes, len(gram))
-        values, vectors = eigh(gram, subset_by_index=(len(gram) - r, len(gram) - 1))
-        basis = effects @ vectors / np.sqrt(values * len(pushes))
-        return basis.reshape(*body.mesh.nodes.shape, r)[:, :, ::-1], values[::-1]
+            effect = self._forward.nodal_response(x, q) / np.abs(q).max()
+            if effects is None:
+                effects = np.empty((len(effect), len(pushes), effect.shape[1]))
+            effects[:, i] = effect
+        effects = effects.reshape(len(effects), -1)
+        r = min(self.params.modes, min(effects.shape) - 1)
+        start = stream(self.params.seed, 'pod/svd').normal(size=min(effects.shape))
+        # of the largest alone: the Gram matrix and its vectors would have two hundred megabytes
+        basis, values, _ = svds(effects, k=r, v0=start, return_singular_vectors='u')
+        basis = basis.reshape(*body.mesh.nodes.shape, r)
+        return basis[:, :, ::-1], values[::-1]**2 / len(pushes)
 
     def step(self, surface):
         """Return the Estimate of a Surface; a failed solve leaves the last state to start from."""

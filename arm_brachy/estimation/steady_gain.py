@@ -24,30 +24,44 @@ def steady_covariance(S, C, Q, R):
         covariances of process and measurement, R positive definite or a number times I
     Raises NotConverged where S lets an unobserved error grow.
     """
-    A = np.array(S.T, dtype=float, order='F')
-    G, X = C.T @ np.linalg.solve(np.atleast_2d(R), C), np.array(Q, dtype=float)
+    A = np.asfortranarray(S.T, dtype=float)
+    G, X = C.T @ np.linalg.solve(np.atleast_2d(R), C), np.asarray(Q, dtype=float)
     for _ in range(MOST):
         A, G, change = _double(A, G, X)
         X = symmetric(X + change)
-        if not np.isfinite(X).all():
+        largest = max(X.max(), -X.min())
+        if not np.isfinite(largest):
             break
-        if np.abs(change).max() <= TOLERANCE * np.abs(X).max():
+        if max(change.max(), -change.min()) <= TOLERANCE * largest:
             return X
     raise NotConverged(f'steady covariance of {len(S)} states: not reached in 2^{MOST} steps; an '
                        'error that grows is not measured; see S and C')
 
 
 def _double(A, G, X):
-    """A and G of twice as many steps, and by how much X grows."""
-    factor = lu_factor(np.eye(len(A)) + G @ X, check_finite=False)
-    V = lu_solve(factor, np.hstack([A, G]), check_finite=False)
-    WA, WG = V[:, :len(A)], V[:, len(A):]     # (I + G X)^-1 A and (I + G X)^-1 G
-    return A @ WA, symmetric(G + A @ WG @ A.T), A.T @ X @ WA
+    """A and G of twice as many steps, and by how much X grows.
+
+    In pieces that free each other's memory: with 2 k states a matrix has tens of megabytes.
+    """
+    M = (X @ G).T      # G X, in the order that LAPACK factors in place
+    M[np.diag_indices(len(M))] += 1.0
+    factor = lu_factor(M, overwrite_a=True, check_finite=False)
+    WA = lu_solve(factor, A, check_finite=False)    # (I + G X)^-1 A
+    change, A_next = A.T @ (X @ WA), A @ WA
+    del WA
+    added = lu_solve(factor, G, check_finite=False)
+    del factor, M
+    added = added @ A.T
+    added = A @ added
+    added += G
+    return A_next, symmetric(added), change
 
 
 def symmetric(X):
     """The symmetric part: rounding otherwise grows from step to step."""
-    return 0.5 * (X + X.T)
+    out = X + X.T
+    out *= 0.5
+    return out
 
 
 def plain_step(X, S, C, Q, R):
