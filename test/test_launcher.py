@@ -1,5 +1,8 @@
 """The launcher on processes that are not nodes: how they end, and which domain they get."""
 
+import os
+import signal
+import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
@@ -48,6 +51,43 @@ def test_a_stopped_process_is_named_within_two_seconds(tmp_path):
     with pytest.raises(ArmBrachyError, match='cell_clock is stopped'):
         Launcher([Script('cell_clock', stops)], 'cell_clock', tmp_path).run()
     assert time.monotonic() - begun < 2.0 + launcher.PATIENCE_S    # closing included
+
+
+CLOSES = """
+import time
+try:
+    open('begun', 'w').close()
+    time.sleep(60)
+except KeyboardInterrupt:
+    open('closed', 'w').close()
+"""
+LAUNCHES = f"""
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from arm_brachy.launcher import Launcher
+
+leader = SimpleNamespace(name='leader', parameters={{}},
+                         argv=lambda: [sys.executable, '-c', {CLOSES!r}])
+Launcher([leader], 'leader', Path.cwd()).run()
+"""
+
+
+def test_what_a_killed_launcher_started_closes_on_its_own(tmp_path):
+    run = subprocess.Popen([sys.executable, '-c', LAUNCHES], cwd=tmp_path,
+                           env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
+    assert wait_for(tmp_path / 'begun')
+    os.kill(run.pid, signal.SIGKILL)
+    run.wait()
+    assert wait_for(tmp_path / 'closed')
+
+
+def wait_for(path, seconds=20.0):
+    """Whether a file is there in time."""
+    end = time.monotonic() + seconds
+    while not path.exists() and time.monotonic() < end:
+        time.sleep(0.02)
+    return path.exists()
 
 
 def domain_of(tmp_path, on_progress=lambda name, values: None):

@@ -228,7 +228,8 @@ def test_bag_without_a_model_has_no_prediction(tmp_path):
 
 @pytest.mark.ros
 @pytest.mark.parametrize(('pads', 'begin_ns'), [
-    (False, 0), pytest.param(True, 0, marks=pytest.mark.validate), (True, A_DATE_NS)])
+    pytest.param(False, 0, marks=pytest.mark.validate),
+    pytest.param(True, 0, marks=pytest.mark.validate), (True, A_DATE_NS)])
 def test_live_nodes_and_in_process_agree_bit_for_bit(block, tmp_path, pads, begin_ns):
     cell = block(pads=pads)
     recording = write_bag(tmp_path / 'taken', pads=pads, begin_ns=begin_ns)

@@ -7,6 +7,7 @@ import pytest
 
 from arm_brachy.evaluation.assess import assess
 from arm_brachy.evaluation.procedure_figures import plates
+from arm_brachy.evaluation.report import write_report
 from arm_brachy.inprocess import run
 from arm_brachy.scenario import load_cell
 
@@ -52,3 +53,8 @@ def test_at_the_end_needle_probe_and_pads_are_back(done):
 def test_every_figure_can_be_drawn(done):
     names = [plate.name for plate in plates(done[0])]
     assert names == ['cell', 'ultrasound', 'tip_over_depth', 'contact_force']
+
+
+def test_the_report_has_its_numbers(done, tmp_path):
+    page = write_report(done[0], assess(done[0]), tmp_path / 'report.html').read_text()
+    assert 'tip to target' in page and 'within 0.5 mm of the image plane' in page

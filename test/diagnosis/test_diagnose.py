@@ -390,6 +390,7 @@ def test_a_gain_and_a_direction_that_a_pad_has_are_both_named(record):
     assert found['actuator_gain']['gain'].value == pytest.approx(-0.1, rel=0.1)
 
 
+@pytest.mark.validate
 def test_a_slip_in_one_of_two_recordings_is_named_and_is_none_in_the_other(record):
     """Another push, at the time of the slip, shows none."""
     slip = {'name': 'marker_slip', 'marker': 'tissue_3', 'onset_s': 6.0}
@@ -478,6 +479,7 @@ def test_a_scene_whose_pads_touch_is_refused_by_its_name(record, scene):
         diagnose((replace(record(legs=PUSHES[:1]), scene=touching),), source(), meshes=MESHES)
 
 
+@pytest.mark.validate
 def test_a_lump_that_one_push_shows_is_a_place_and_no_cause(record, tmp_path):
     """T6: a load that comes with the push would do as well."""
     lump = {'name': 'inclusion', 'centre_mm': (20.0, 10.0, 30.0), 'radius_mm': 12.0, 'ratio': 5.0}

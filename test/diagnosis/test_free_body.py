@@ -121,6 +121,7 @@ def test_a_hand_that_holds_it_bent_is_no_missing_physics(recorded):
     assert parts.recalibrated['E'].value == pytest.approx(150e3, rel=0.02)
 
 
+@pytest.mark.validate
 def test_damping_that_the_scene_has_not_is_read_off(recorded, scene):
     """As three times its damping of mass was found above."""
     bare = replace(scene, rayleigh_alpha=0.0, rayleigh_beta=0.0)
@@ -177,6 +178,7 @@ def test_a_modulus_that_is_far_off_is_calibration_too(recorded, stiffness):
     assert any('under loads' in note for note in parts.notes)
 
 
+@pytest.mark.validate
 def test_damping_that_is_wrong_is_found(recorded):
     """Three times the damping of mass: a ratio of 0.054 at 9 Hz becomes 0.108.
 

@@ -28,7 +28,8 @@ def block(path, gravity=-4.0):
                  markers=(Marker('tip', TIP),))
 
 
-@pytest.mark.parametrize('terms', [(), (Viscoelasticity(g1=0.2, tau1=0.03),)],
+@pytest.mark.parametrize('terms', [
+    pytest.param((), marks=pytest.mark.validate), (Viscoelasticity(g1=0.2, tau1=0.03),)],
                          ids=['elastic', 'relaxing'])
 def test_as_integrated_in_time(tmp_path, terms):
     """Swinging by a twentieth of its length; 1.25 ms sample 9 Hz 90 times, an error of 0.04 %.

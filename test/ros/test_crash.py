@@ -79,6 +79,7 @@ def test_ctrl_c_ends_everything_and_keeps_the_recording(command, short_scenario,
     assert still_alive(tmp_path) == []
 
 
+@pytest.mark.validate
 def test_a_killed_launcher_leaves_no_process_and_a_closed_bag(command, short_scenario, tmp_path,
                                                              still_alive):
     run = subprocess.Popen([str(command), 'run', str(short_scenario), '--out',

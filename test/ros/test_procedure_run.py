@@ -15,6 +15,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 SHORT = Path(__file__).resolve().parent / 'procedure_short.yaml'
 
 
+@pytest.mark.validate
 def test_the_procedure_ends_well_and_is_reported(command_runner, tmp_path, ros_domain_id):
     folder = tmp_path / 'run'
     done = command_runner('run', SHORT, '--out', folder)
@@ -26,7 +27,6 @@ def test_the_procedure_ends_well_and_is_reported(command_runner, tmp_path, ros_d
     assert 'within 0.5 mm of the image plane' in done.stdout
 
 
-@pytest.mark.validate
 def test_a_dead_needle_driver_ends_the_run_and_is_named(tmp_path, ros_domain_id):
     """In lockstep nobody moves without an answer of everybody: a lost node stops the cell."""
     cell, killed = load_cell(SHORT), []

@@ -119,6 +119,7 @@ def half_off(term, where):
     return np.clip((term.centre[0] - where[:, 0]) / (RIM * term.radius), 0.0, 1.0) ** FADE
 
 
+@pytest.mark.validate
 def test_a_sector_of_another_shape_settles_among_the_ripples_of_its_nodes(
         record, linear, encoder, monkeypatch):
     """The nearest disc is far off, and nodes that come off one by one ripple the way there."""
@@ -135,7 +136,8 @@ def test_a_sector_of_another_shape_settles_among_the_ripples_of_its_nodes(
 
 @pytest.mark.parametrize(('truth', 'place', 'size'), [
     (BaseDebond(radius=0.03, centre=(0.02, 0.01, 0.0)), (0.04, -0.01, 0.0), 0.5),
-    (Obstacle(gap=2e-4, centre=(0.0, 0.0, 0.0575)), (0.008, 0.006, 0.057), 1.0)])
+    pytest.param(Obstacle(gap=2e-4, centre=(0.0, 0.0, 0.0575)), (0.008, 0.006, 0.057), 1.0,
+                 marks=pytest.mark.validate)])
 def test_tangents_beside_a_support_lead_to_it_in_a_few_runs(record, truth, place, size):
     """Condensed answers, then full runs took 31 and 52, and the sector stayed 13 nats short."""
     data = record((truth,))
@@ -404,8 +406,10 @@ def test_what_happened_in_one_recording_is_not_asked_of_another(record):
     (LUMP, 0.03, 1.0), (ActuatorGain(gain=0.05), 0.03, 1.0),
     # steps between faces that come loose: each makes predictions jump
     (BaseDebond(radius=0.03, centre=(0.02, 0.01, 0.0)), 0.01, 0.01),
-    (Obstacle(gap=2e-4, centre=(0.0, 0.0, 0.058)), 0.01, 0.03),
-    (Viscoelasticity(g1=0.3, tau1=2.0), 0.2, 1.0)])   # all but what memory makes of the change
+    pytest.param(Obstacle(gap=2e-4, centre=(0.0, 0.0, 0.058)), 0.01, 0.03,
+                 marks=pytest.mark.validate),
+    # all but what memory makes of the change
+    pytest.param(Viscoelasticity(g1=0.3, tau1=2.0), 0.2, 1.0, marks=pytest.mark.validate)])
 def test_derivatives_are_those_of_full_runs(record, linear, encoder, term, error, share):
     """share : of the steps that tangents are taken over, where full runs are"""
     data = record((term,), t=SOME)

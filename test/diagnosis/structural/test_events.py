@@ -53,7 +53,8 @@ def test_a_base_marker_that_slips_is_not_the_base_that_moves(happened):
     assert (found.term, found.channel) == ('marker_slip', 'base_1')
 
 
-@pytest.mark.parametrize('back, slipped', [(1.0, 0), (0.0, 1), (0.5, 2)])
+@pytest.mark.parametrize('back, slipped', [
+    (1.0, 0), pytest.param(0.0, 1, marks=pytest.mark.validate), (0.5, 2)])
 def test_a_slip_is_permanent_a_press_is_undone(happened, back, slipped):
     """A press on one marker was told as two slips; one that goes half of the way back is two."""
     def press(t, names, points):
@@ -106,8 +107,9 @@ def test_a_knock_moves_all_markers(happened):
 
 
 @pytest.mark.parametrize('pair', [
-    ('tissue_0', 'tissue_1'), ('base_0', 'base_1'), ('pad_0', 'tissue_1'), ('pad_0', 'pad_1'),
-    ('pad_2', 'base_1')])
+    ('tissue_0', 'tissue_1'), ('pad_0', 'pad_1'), *(
+        pytest.param(pair, marks=pytest.mark.validate) for pair in (
+            ('base_0', 'base_1'), ('pad_0', 'tissue_1'), ('pad_2', 'base_1')))])
 def test_markers_that_exchange_their_names_were_not_touched(happened, pair):
     def exchange(t, names, points):
         order = np.arange(len(names))
@@ -131,7 +133,9 @@ def test_a_touch_moves_some_markers_and_lets_go(happened):
     assert all(f.term is None and 'external_force' in f.rivals for f in found)
 
 
-@pytest.mark.parametrize(('onset', 'rate'), [(9.0, 1e-5), (12.0, 4e-5), (15.0, 8e-5)])
+@pytest.mark.parametrize(('onset', 'rate'), [
+    pytest.param(9.0, 1e-5, marks=pytest.mark.validate), (12.0, 4e-5),
+    pytest.param(15.0, 8e-5, marks=pytest.mark.validate)])
 def test_what_sets_in_and_goes_on_is_no_step(happened, onset, rate):
     """Tissue swells from `onset` [s] on, by `rate` [m/s] at markers and targets."""
     def swell(t, names, points):
@@ -156,14 +160,15 @@ def test_nothing_jumps_no_event():
     assert events_of((), 20) == ()
 
 
-@pytest.mark.parametrize('noise', [0.0, 1e-6, 1e-5])
+@pytest.mark.parametrize('noise', [0.0, *(
+    pytest.param(noise, marks=pytest.mark.validate) for noise in (1e-6, 1e-5))])
 def test_what_no_laboratory_calls_a_step_is_none(laboratory, short_pushes, look, noise):
     """Without noise the curve between two ticks, some microns, stands out."""
     lab = laboratory((), 5, **_noisy(noise))
     assert look(lab.record(short_pushes()))[1].findings == ()
 
 
-@pytest.mark.parametrize('noise', [0.0, 1e-4])
+@pytest.mark.parametrize('noise', [pytest.param(0.0, marks=pytest.mark.validate), 1e-4])
 @pytest.mark.parametrize('entry', [
     {'name': 'marker_slip', 'marker': 'pad_1', 'offset_mm': [0.0, 0.08, 0.0]},
     {'name': 'lost_steps', 'shortfall_mm': 0.08, 'actuators': [2]}])
@@ -175,7 +180,8 @@ def test_small_steps_of_pads_and_their_markers_are_found(laboratory, short_pushe
     assert np.linalg.norm(found.value) == pytest.approx(8e-5, rel=0.2)
 
 
-@pytest.mark.parametrize('axis', [0, 1, 2])
+@pytest.mark.parametrize('axis', [0, *(
+    pytest.param(axis, marks=pytest.mark.validate) for axis in (1, 2))])
 def test_what_jumps_by_less_than_a_count_did_not_jump(recorded, look, axis):
     """An axis in counts of 0.5 mm: no marker slips, and no actuator is uneven."""
     run = recorded()

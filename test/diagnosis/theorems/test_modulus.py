@@ -109,6 +109,7 @@ def test_t3_forces_show_it(accurate, gentle, judge, relaxing):
     assert found.verdict == 'named' and found.names == {'viscoelasticity'}
 
 
+@pytest.mark.validate
 def test_t3_so_does_the_release_of_a_force(breast, pushes, judge, relaxing):
     """A known weight lies on the tissue for 3 s; what it leaves creeps back, markers alone.
 

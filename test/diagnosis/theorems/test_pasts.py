@@ -94,6 +94,7 @@ def bent_aside(breast, path, bend):
     return replace(recorded, streams=recorded.streams | changed)
 
 
+@pytest.mark.validate
 def test_an_arm_that_bends_as_its_motor_warms_shows_as_its_pad_aside(breast, thrice):
     """By tissue and forces alone: no marker on the pad."""
     fine = np.union1d(thrice.t, np.arange(thrice.t[0], thrice.t[-1], 0.5))
