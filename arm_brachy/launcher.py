@@ -10,6 +10,7 @@ import fcntl
 import json
 import os
 import queue
+import re
 import signal
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from arm_brachy import graph
-from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.core.errors import ArmBrachyError, InputError
 from arm_brachy.core.paths import config_dir
 from arm_brachy.core.session import Session
 
@@ -113,7 +114,8 @@ def _patience(names):
 class Launcher:
     """Runs a set of node processes until the leader says that it has finished.
 
-    processes : NodeProcess each;  leader : name of the one whose progress ends the run
+    processes : NodeProcess each, all of one namespace
+    leader : name of the one whose progress ends the run
     log_dir : receives <node>.log;  on_progress(name, values) : called from `run`
     on_start(domain) : called before the first process, with its ROS_DOMAIN_ID
     """
@@ -133,7 +135,7 @@ class Launcher:
         """
         self._log_dir.mkdir(parents=True, exist_ok=True)
         before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
-        with Domain() as domain:
+        with Domain(self._specs[0].namespace) as domain:
             keys = self._make_keys(domain)
             self._on_start(domain)
             try:
@@ -152,7 +154,7 @@ class Launcher:
         keys = {Path(spec.parameters['session_key']) for spec in self._specs
                 if spec.parameters.get('session_key')}
         for key in keys:
-            Session.create(key, domain)
+            Session.create(key, domain, self._specs[0].namespace)
         return keys
 
     def pid_of(self, name):
@@ -290,33 +292,62 @@ def _environment(domain, log_dir):
             'ROS_LOG_DIR': str(log_dir)}
 
 
-def where(domain):
+def where(domain, namespace=''):
     """One line: where in DDS a cell of ROS_DOMAIN_ID `domain` is to be found."""
-    return f'DDS domain {domain}, discovery {node_environment()[DISCOVERY]}'
+    inside = f', namespace /{namespace}' if namespace else ''
+    return f'DDS domain {domain}{inside}, discovery {node_environment()[DISCOVERY]}'
 
 
 class Domain:
-    """A DDS domain that no other run on this machine uses: $ROS_DOMAIN_ID, or a free one.
+    """A DDS domain for a run: $ROS_DOMAIN_ID, or one that no other run on this machine uses.
 
+    namespace : of the cell, without a leading slash. Cells of different namespaces may share the
+    domain of $ROS_DOMAIN_ID; two at the root, or two in one namespace, may not.
     The search starts elsewhere in every process: what a killed run left in the graph of its domain
     (until its lease ends) meets no new run.
     """
+
+    def __init__(self, namespace=''):
+        self._namespace = namespace
 
     def __enter__(self):
         given = os.environ.get('ROS_DOMAIN_ID', '')
         start = os.getpid() % len(DOMAINS)
         for number in [given] if given else (*DOMAINS[start:], *DOMAINS[:start]):
-            self._lock = _lock(number)
+            self._lock = _lock(_place(number, self._namespace))
             if self._lock is not None:
                 return number
         if given:
-            raise ArmBrachyError(f'ROS_DOMAIN_ID = {given} is in use by another run on this '
-                                 'machine; unset it, and a free domain is taken')
+            raise ArmBrachyError(f'{_named(given, self._namespace)} is in use by another run on '
+                                 'this machine; unset it, and a free domain is taken, or give '
+                                 'each cell a --namespace of its own')
         raise ArmBrachyError(f'all of {len(DOMAINS)} DDS domains are in use on this machine; end '
                              'a run')
 
     def __exit__(self, *_):
         self._lock.close()
+
+
+def cell_namespace(text):
+    """The namespace of a cell as the launcher wants it: without a slash at either end.
+
+    Raises InputError for what ROS allows no namespace to be.
+    """
+    name = text.strip('/')
+    if name and not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', name, re.ASCII):
+        raise InputError(f'namespace = {text!r}; must be words of letters, digits and _ that '
+                         'begin with no digit, with single slashes between them')
+    return name
+
+
+def _place(domain, namespace):
+    """What stands for a cell in the name of its lock: no word of a namespace holds a dot."""
+    return '.'.join([str(domain), *namespace.split('/')]) if namespace else str(domain)
+
+
+def _named(domain, namespace):
+    name = f'ROS_DOMAIN_ID = {domain}'
+    return f'namespace /{namespace} of {name}' if namespace else name
 
 
 _claimed = {}      # domain -> its lock, for as long as this process lives
@@ -325,21 +356,22 @@ _claimed = {}      # domain -> its lock, for as long as this process lives
 def claim_domain(domain, namespace=''):
     """Take a domain, or one namespace in it, for the life of this process; returns the domain.
 
+    namespace : as `cell_namespace` gives it
     Raises ArmBrachyError while another cell on this machine has it.
     """
-    place = '_'.join([domain, *namespace.strip('/').split('/')]) if namespace else domain
+    place = _place(domain, namespace)
     if place not in _claimed:
         lock = _lock(place)
         if lock is None:
-            raise ArmBrachyError(f'ROS_DOMAIN_ID = {domain} is in use by another cell on this '
+            raise ArmBrachyError(f'{_named(domain, namespace)} is in use by another cell on this '
                                  'machine; set another one, or give each cell a namespace')
         _claimed[place] = lock
     return domain
 
 
-def _lock(domain):
+def _lock(place):
     """The locked file that stands for a domain, or None if somebody else holds it."""
-    path = Path(tempfile.gettempdir()) / f'arm_brachy_domain_{domain}.lock'
+    path = Path(tempfile.gettempdir()) / f'arm_brachy_domain_{place}.lock'
     try:
         file = path.open('w')
     except PermissionError:  # another user's

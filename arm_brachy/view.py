@@ -12,7 +12,7 @@ from arm_brachy import graph
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.evaluation.replay import run_film
 from arm_brachy.offline import load_run, recorded_cell, with_cell
-from arm_brachy.recording.reader import BagReader
+from arm_brachy.recording.reader import CellBag
 from arm_brachy.viewing.page import view_page
 from arm_brachy.viewing.server import Answer
 
@@ -40,7 +40,7 @@ def bag_pages(bag):
 
 
 def _run(bag):
-    with BagReader(bag) as reader:
+    with CellBag(bag) as reader:
         known = 'scenario.yaml' in reader.attachments()
     run = load_run(bag)
     if not known:
@@ -61,7 +61,7 @@ class Pictures:
 
     def __init__(self, bag):
         """bag : path."""
-        self._reader, self._lock = BagReader(bag), threading.Lock()
+        self._reader, self._lock = CellBag(bag), threading.Lock()
         held = self._reader.topics()
         names = [f'/{topic.name}' for topic in PICTURES if f'/{topic.name}' in held]
         self._topic = names[0] if names else None

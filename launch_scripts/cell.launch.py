@@ -27,6 +27,7 @@ from arm_brachy.core.session import Session
 from arm_brachy.launcher import (
     PATIENCE_S,
     RECORDER_PATIENCE_S,
+    cell_namespace,
     cell_processes,
     claim_domain,
     node_environment,
@@ -42,15 +43,17 @@ DOMAIN = 'ROS_DOMAIN_ID'
 def _nodes(context):
     scenario = LaunchConfiguration('scenario').perform(context)
     bag = LaunchConfiguration('bag').perform(context)
-    namespace = LaunchConfiguration('namespace').perform(context).strip('/')
+    namespace = cell_namespace(LaunchConfiguration('namespace').perform(context))
     speed_limit = float(LaunchConfiguration('speed_limit').perform(context))
     watch = LaunchConfiguration('watch').perform(context) == 'true'
     level = LaunchConfiguration('log_level').perform(context)
+    if os.path.exists(bag):     # also the key of the cell that records into it would be replaced
+        raise ArmBrachyError(f'bag:={bag} exists; a recording is never overwritten: name another')
     processes = cell_processes(load_cell(scenario), scenario, bag, speed_limit=speed_limit,
                                watch=watch, namespace=namespace)
     domain = claim_domain(os.environ.get(DOMAIN) or '0', namespace)
     key = session_key(bag)
-    Session.create(key, domain)
+    Session.create(key, domain, namespace)
     nodes = [Node(package='arm_brachy', executable=p.name, name=p.name, output='log',
                   namespace=p.namespace, ros_arguments=['--log-level', level],
                   parameters=[str(ros_parameters()), p.parameters],
@@ -60,7 +63,7 @@ def _nodes(context):
             for node, p in zip(nodes, processes, strict=True)]
     forget = RegisterEventHandler(OnShutdown(
         on_shutdown=lambda event, context: key.unlink(missing_ok=True)))
-    return [LogInfo(msg=f'{where(domain)}; records into {bag}, session key {key}'),
+    return [LogInfo(msg=f'{where(domain, namespace)}; records into {bag}, session key {key}'),
             *nodes, *ends, forget]
 
 

@@ -119,6 +119,16 @@ def test_a_namespace_moves_every_node(launch_file, tmp_path):
     assert launcher.NodeProcess('recorder', {}, 'left').argv()[-2:] == ['-r', '__ns:=/left']
 
 
+def test_the_bag_of_another_run_is_refused_and_its_key_stays(launch_file, tmp_path):
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / 'bag.key').write_text('of a cell that is running')
+    action = launch_file.generate_launch_description().args[0][-1]
+    with pytest.raises(ArmBrachyError, match='exists; a recording is never overwritten'):
+        action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag'),
+                                   **DEFAULTS})
+    assert (tmp_path / 'bag.key').read_text() == 'of a cell that is running'
+
+
 def test_domain_and_key_are_made_and_named(launch_file, tmp_path, monkeypatch):
     action = launch_file.generate_launch_description().args[0][-1]
     made = action.kwargs['function']({'scenario': str(SCENARIO), 'bag': str(tmp_path / 'bag'),

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from arm_brachy import launcher
-from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.core.errors import ArmBrachyError, InputError
 from arm_brachy.launcher import Launcher
 
 FINISHED = 'import json; print(json.dumps({"progress": {"finished": True}}))'
@@ -23,6 +23,7 @@ class Script:
     name: str
     code: str
     parameters: dict = field(default_factory=dict)
+    namespace: str = ''
 
     def argv(self):
         return [sys.executable, '-c', self.code]
@@ -67,7 +68,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from arm_brachy.launcher import Launcher
 
-leader = SimpleNamespace(name='leader', parameters={{}},
+leader = SimpleNamespace(name='leader', parameters={{}}, namespace='',
                          argv=lambda: [sys.executable, '-c', {CLOSES!r}])
 Launcher([leader], 'leader', Path.cwd()).run()
 """
@@ -102,6 +103,28 @@ def domain_of(tmp_path, on_progress=lambda name, values: None):
 
     assert Launcher([Script('leader', code)], 'leader', tmp_path, note).run()
     return seen[0]
+
+
+def test_cells_share_a_domain_only_under_different_names(monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', '102')
+    with launcher.Domain('left') as one, launcher.Domain('right') as other, launcher.Domain():
+        assert one == other == '102'
+        with pytest.raises(ArmBrachyError, match='namespace /left of ROS_DOMAIN_ID = 102 is in u'):
+            launcher.Domain('left').__enter__()
+    with launcher.Domain('lab/left'), launcher.Domain('lab_left'):
+        pass
+
+
+@pytest.mark.parametrize(('text', 'name'), [('', ''), ('/', ''), ('/left/', 'left'),
+                                            ('lab_2/left', 'lab_2/left')])
+def test_a_namespace_is_taken_without_its_outer_slashes(text, name):
+    assert launcher.cell_namespace(text) == name
+
+
+@pytest.mark.parametrize('text', ['2nd', 'a b', 'a//b', 'left-hand', 'a.b', '\u00e4'])
+def test_what_ros_allows_no_namespace_to_be_is_refused(text):
+    with pytest.raises(InputError, match='begin with no digit'):
+        launcher.cell_namespace(text)
 
 
 def test_two_runs_never_share_a_domain(tmp_path):

@@ -58,19 +58,19 @@ def push(t):
     return 2e-3 * np.sin(np.pi * np.asarray(t) / (FRAMES * 0.01)) ** 2
 
 
-def write_bag(folder, *, pads, begin_ns=0):
+def write_bag(folder, *, pads, begin_ns=0, namespace=''):
     encoder = encode.Encoder()
     with BagWriter(folder, provenance={'name': 'taken'}) as bag:
-        bag.add_topic('/optical/markers', encode.OPTICAL)
+        bag.add_topic(f'{namespace}/optical/markers', encode.OPTICAL)
         if pads:
-            bag.add_topic('/actuators/state', encode.JOINT_STATE)
+            bag.add_topic(f'{namespace}/actuators/state', encode.JOINT_STATE)
         for k in range(FRAMES):
             t = begin_ns + k * FRAME_NS
-            bag.write('/optical/markers', encoder.optical_frame(
+            bag.write(f'{namespace}/optical/markers', encoder.optical_frame(
                 t, 'world', k, ('tip', 'clamp'), np.array([[0.06, 0.01, 0.01], [0, 0.01, 0.01]])),
                 t, sequence=k)
             if pads:
-                bag.write('/actuators/state', encoder.joint_state(
+                bag.write(f'{namespace}/actuators/state', encoder.joint_state(
                     t, 'world', ['press'], [float(push(k * FRAME_NS * 1e-9))]), t, sequence=k)
     return folder
 
@@ -227,12 +227,13 @@ def test_bag_without_a_model_has_no_prediction(tmp_path):
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize(('pads', 'begin_ns'), [
-    pytest.param(False, 0, marks=pytest.mark.validate),
-    pytest.param(True, 0, marks=pytest.mark.validate), (True, A_DATE_NS)])
-def test_live_nodes_and_in_process_agree_bit_for_bit(block, tmp_path, pads, begin_ns):
+@pytest.mark.parametrize(('pads', 'begin_ns', 'namespace'), [
+    pytest.param(False, 0, '', marks=pytest.mark.validate),
+    pytest.param(True, 0, '', marks=pytest.mark.validate),
+    (True, A_DATE_NS, '/left')])
+def test_live_nodes_and_in_process_agree_bit_for_bit(block, tmp_path, pads, begin_ns, namespace):
     cell = block(pads=pads)
-    recording = write_bag(tmp_path / 'taken', pads=pads, begin_ns=begin_ns)
+    recording = write_bag(tmp_path / 'taken', pads=pads, begin_ns=begin_ns, namespace=namespace)
     processes = launcher.replay_processes(cell, cell.path, recording, ('tissue_model',),
                                           tmp_path / 'bag')
     assert launcher.Launcher(processes, 'replayer', tmp_path / 'logs').run()

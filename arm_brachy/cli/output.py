@@ -42,6 +42,9 @@ def writable(ctx, param, value):
 
 json_option = click.option('--json', 'json_file', type=click.Path(), callback=writable,
                            metavar='FILE', help='Also write the result here, as JSON.')
+namespace_option = click.option('--namespace', default='', metavar='NAME',
+                                help='Of the nodes, topics and services of the cell: several '
+                                     'cells may then share one $ROS_DOMAIN_ID. Default: none.')
 
 
 def fresh(folder):

@@ -16,6 +16,7 @@ from arm_brachy.cli.output import (
     console,
     errors,
     json_option,
+    namespace_option,
     new_folder,
     refuse_missed,
     result_folder,
@@ -48,27 +49,30 @@ out_option = click.option('--out', type=click.Path(), metavar='FOLDER',
 @click.option('--viewer/--no-viewer', default=True,
               help='Node cell_viewer draws the cell for Foxglove and RViz; it adds about a tenth '
                    'to the bag. Default: as the scenario says, which is yes.')
+@namespace_option
 @json_option
-def run(scenario, out, speed_limit, watch, viewer, json_file):
+def run(scenario, out, speed_limit, watch, viewer, namespace, json_file):
     """Start the graph of a SCENARIO, record it, evaluate it.
 
     \b
     Example:
       arm-brachy run config/scenarios/target_1.yaml --out runs/target_1
     """
+    namespace = launcher.cell_namespace(namespace)
     cell = load_cell(scenario)
     with new_folder(result_folder(out, cell.scenario.name)) as folder, \
             working('reading the scene'):
         _build(cell, 'plant', 'model')
         cells.build_actuators(cell, cell.scenario.actuators)
     processes = launcher.cell_processes(cell, cell.path, folder / RUN_BAG, speed_limit=speed_limit,
-                                        watch=watch, viewer=viewer)
+                                        watch=watch, viewer=viewer, namespace=namespace)
     leader = graph.CELL_CLOCK if cell.scenario.pace == 'lockstep' \
         else graph.conductor_of(cell.scenario)
     said = _launch(processes, leader.name, folder, cell.scenario.name)
     if 'factor' in said:
         console.print(f"simulated {said['t']:.1f} s at {said['factor']:.2f} x real time")
-    _evaluate(folder / RUN_BAG, folder, json_file, command=f'arm-brachy run {scenario}')
+    inside = f' --namespace {namespace}' if namespace else ''
+    _evaluate(folder / RUN_BAG, folder, json_file, command=f'arm-brachy run {scenario}{inside}')
 
 
 @click.command()
@@ -183,7 +187,8 @@ def _launch(processes, leader, folder, label):
 
         done = launcher.Launcher(
             processes, leader, folder / 'logs', show,
-            lambda domain: console.print(launcher.where(domain), highlight=False)).run()
+            lambda domain: console.print(launcher.where(domain, processes[0].namespace),
+                                         highlight=False)).run()
     if not done:
         raise Interrupted(f'interrupted; what was recorded until then is in {folder}/bag')
     return said

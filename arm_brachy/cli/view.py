@@ -9,7 +9,8 @@ import click
 
 from arm_brachy.cli.output import console, working
 from arm_brachy.core.errors import ArmBrachyError, InputError
-from arm_brachy.launcher import NodeProcess, die_with_parent, node_environment
+from arm_brachy.core.session import Session, place_of
+from arm_brachy.launcher import NodeProcess, die_with_parent, node_environment, session_key
 from arm_brachy.view import bag_pages
 from arm_brachy.viewing.server import PageServer
 
@@ -17,8 +18,8 @@ from arm_brachy.viewing.server import PageServer
 @click.command()
 @click.argument('bag', type=click.Path(), required=False)
 @click.option('--live', is_flag=True,
-              help='Show the cell that runs in the DDS domain $ROS_DOMAIN_ID of this machine, and '
-                   'set its goals.')
+              help='Show the cell that records into BAG, or without BAG the one that runs in the '
+                   'DDS domain $ROS_DOMAIN_ID of this machine, and set its goals.')
 @click.option('--port', default=0, type=click.IntRange(0, 65535), metavar='N',
               help='Of this machine, 127.0.0.1; default: a free one.')
 @click.option('--browser/--no-browser', default=True, help='Open the page. Default: yes.')
@@ -27,15 +28,16 @@ def view(bag, live, port, browser):
 
     The page is served to this machine alone and asks nobody else for anything. Ctrl-C ends it.
 
+    Of a cell that is running, BAG is how its domain, its namespace and its session key are found.
+
     \b
     Example:
       arm-brachy view runs/target_1/bag
     """
-    if live == bool(bag):
-        given = 'both' if live else 'neither'
-        raise InputError(f'view: got {given} of BAG and --live; give one of them')
+    if not live and not bag:
+        raise InputError('view: got neither of BAG and --live; give one of them')
     if live:
-        _show_live(port, browser)
+        _show_live(bag, port, browser)
     else:
         _show_bag(bag, port, browser)
 
@@ -53,11 +55,17 @@ def _show_bag(bag, port, browser):
         server.server_close()
 
 
-def _show_live(port, browser):
+def _show_live(bag, port, browser):
     """Node live_view in a process of its own, as every node; Ctrl-C reaches it too."""
-    argv = NodeProcess('live_view', {'port': str(port)}).argv()
+    parameters, environment, namespace = {'port': str(port)}, {}, ''
+    if bag:
+        key = session_key(bag)
+        Session.load(key)       # says in one line what is wrong with it
+        parameters['session_key'] = str(key)
+        environment['ROS_DOMAIN_ID'], namespace = place_of(key)
+    argv = NodeProcess('live_view', parameters, namespace).argv()
     with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent,
-                          env={**os.environ, **node_environment()}) as node:
+                          env={**os.environ, **node_environment(), **environment}) as node:
         try:
             for line in node.stdout:
                 _say(json.loads(line)['progress']['address'], browser)

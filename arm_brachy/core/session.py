@@ -37,19 +37,19 @@ class Session:
     def __init__(self, key):
         """key : bytes, KEY_BYTES long."""
         self._key = key
-        self._sent, self._heard, self._used = {}, {}, 0
+        self._sent, self._heard, self._used = {}, {}, {}
 
     @classmethod
-    def create(cls, path, domain=''):
+    def create(cls, path, domain='', namespace=''):
         """Write a new key to `path`, mode 0600, in place of an old one; returns its Session.
 
-        domain : ROS_DOMAIN_ID of the cell, noted in the file for whoever looks for the cell
+        domain, namespace : of the cell, noted in the file for whoever looks for the cell
         """
         path = Path(path)
         path.unlink(missing_ok=True)
         key = secrets.token_bytes(KEY_BYTES)
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), 'w') as file:
-            file.write(f'{key.hex()}\n{domain}\n')
+            file.write(f'{key.hex()}\n{domain}\n{namespace}\n')
         return cls(key)
 
     @classmethod
@@ -114,9 +114,9 @@ class Session:
             return 'a ticket of another session'
         if abs(now_ns - t_ns) > TICKET_LIFE_S * 1e9:
             return f'a ticket older than {TICKET_LIFE_S:.0f} s'
-        if t_ns <= self._used:
+        if t_ns <= self._used.get(action, 0):
             return 'a ticket that was used'
-        self._used = t_ns
+        self._used[action] = t_ns
         return ''
 
     def _mac(self, topic, sequence, payload):
@@ -124,11 +124,11 @@ class Session:
         return hmac.new(self._key, head + payload, hashlib.sha256).digest()
 
 
-def domain_of(path):
-    """The ROS_DOMAIN_ID noted in a key file; that of this process where there is none."""
+def place_of(path):
+    """(ROS_DOMAIN_ID, namespace) noted in a key file; where no domain is, that of this process."""
     with open(path, encoding='ascii') as file:
-        file.readline()
-        return file.readline().strip() or os.environ.get('ROS_DOMAIN_ID', '0')
+        _, domain, namespace = (file.readline().strip() for _ in range(3))
+    return domain or os.environ.get('ROS_DOMAIN_ID', '0'), namespace
 
 
 def unsealed(data):

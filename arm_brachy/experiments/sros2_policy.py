@@ -17,12 +17,14 @@ OF_EVERY_NODE = ('rosout', 'parameter_events')
 PARAMETER_SERVICES = tuple(f'~/{name}' for name in (
     'describe_parameters', 'get_parameter_types', 'get_parameters', 'list_parameters',
     'set_parameters', 'set_parameters_atomically'))
-# The table of the graph has who offers a service; here is who calls it.
+# The table of the graph has who offers a service; here is who calls it. What needs the session key
+# (nodes.keyed_trigger) is called through `set_parameters`, in a cell without a key by its name.
 CALLS = {
     'operator': ('mpc_manipulator/set_goal', 'mpc_manipulator/abort', 'actuator_driver/home',
-                 'surface_scanner/scan', 'probe_controller/follow', 'probe_controller/hold',
-                 'probe_controller/retract'),
-    'push_protocol': ('actuator_driver/home',),
+                 'actuator_driver/set_parameters', 'surface_scanner/scan',
+                 'probe_controller/follow', 'probe_controller/hold', 'probe_controller/retract',
+                 'probe_controller/set_parameters'),
+    'push_protocol': ('actuator_driver/home', 'actuator_driver/set_parameters'),
 }
 
 

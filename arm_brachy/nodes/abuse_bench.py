@@ -20,13 +20,13 @@ from arm_brachy.control.faults import Bounds, draw
 from arm_brachy.core.session import Session
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.actuator_driver import ActuatorDriverNode
-from arm_brachy.nodes.release import TICKET
+from arm_brachy.nodes.keyed_trigger import TICKET
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.supervisor import SupervisorNode
 from arm_brachy.nodes.ticker import message_type, offered
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState
 
-RELEASE = '/actuator_driver/release'
+RELEASE, RESET = '/actuator_driver/release', '/supervisor/reset'
 ASKED = 4e-3          # [m] the controller asks for positions from zero to here
 FORBIDDEN = 20e-3     # [m] what every fault asks for
 PATIENCE_S = 10.0     # for the cell to run again after a fault
@@ -243,7 +243,11 @@ class AbuseBench(Node):
         return future.result()
 
     def _try_ticket(self, ticket):
-        result, = self._driver.set_parameters([Parameter(TICKET, value=ticket)])
+        return self._given(self._driver, 'release', ticket)
+
+    @staticmethod
+    def _given(node, action, ticket):
+        result, = node.set_parameters([Parameter(TICKET.format(action), value=ticket)])
         return result.successful
 
     def _again(self):
@@ -252,7 +256,7 @@ class AbuseBench(Node):
         while time.monotonic() < end:
             self._until(lambda: self._word is not None, 1.0)
             if self._word is not None and self._word.state != SafetyState.RUN:
-                self._call('supervisor/reset')
+                self._given(self._supervisor, 'reset', self._session.ticket(RESET, self._now()))
                 self._spin(0.15)
             if self._try_ticket(self._session.ticket(RELEASE, self._now())):
                 self._command(np.zeros(4))

@@ -1,7 +1,6 @@
 """ROS 2 shell of one bank of linear actuators: commands in, encoder states out."""
 
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from arm_brachy import cell, graph
 from arm_brachy.core.errors import CommandRefused, ConfigError
@@ -9,8 +8,8 @@ from arm_brachy.core.outcome import Outcome
 from arm_brachy.devices.actuator import SimulatedBank
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.keyed_trigger import KeyedTrigger
 from arm_brachy.nodes.permission import command_gate, safety_gate
-from arm_brachy.nodes.release import Release
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState
@@ -29,7 +28,7 @@ class ActuatorDriverNode(Node):
          truth/points       BodyPoints       simulated bank only: what pushes back on the pads
     out  actuators/state    JointState       every tick; stamp = tick
          truth/pads         PadState         simulated bank only
-    srv  ~/home, ~/release  Trigger; in a cell with a key only a release_ticket releases
+    srv  ~/home, ~/release  Trigger; in a cell with a key for a home_ticket, a release_ticket
     par  scenario, home_at_start, and every quantity of ActuatorParams
     """
 
@@ -64,8 +63,8 @@ class ActuatorDriverNode(Node):
                 ticker.listen(topic, self._on_word, lockstep=False)
             else:
                 ticker.subscribe(topic)
-        self.create_service(Trigger, '~/home', self._on_home)
-        self.release = Release(self, setup.session, self._release)
+        self.home = KeyedTrigger(self, setup.session, 'home', self._home)
+        self.release = KeyedTrigger(self, setup.session, 'release', self._release)
         if not self._sealed:
             self.get_logger().warning('no session_key: whoever is in this DDS domain may command')
         ticker.start()
@@ -179,30 +178,20 @@ class ActuatorDriverNode(Node):
         self._refused += 1
         self._health.turn_away(t_ns, kind, message)
 
-    def _on_home(self, request, response):
-        return self._serve(response, self._forbidden(), self._home, 'going home')
-
     def _home(self):
+        if forbidden := self._forbidden():
+            raise CommandRefused(forbidden)
         self._driver.home()
         self._home_ns = self._ticker.last_ns if self._ticker.lockstep \
             else self.get_clock().now().nanoseconds
+        return 'going home'
 
     def _release(self):
         if forbidden := self._not_running():
             raise CommandRefused(forbidden)
         self._driver.release()
         self._lost = False
-
-    @staticmethod
-    def _serve(response, forbidden, action, done):
-        try:
-            if forbidden:
-                raise CommandRefused(forbidden)
-            action()
-            response.success, response.message = True, done
-        except CommandRefused as refusal:
-            response.success, response.message = False, str(refusal)
-        return response
+        return 'released'
 
     def close(self):
         """Hold where the pads are and let the hardware go."""

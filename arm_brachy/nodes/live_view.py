@@ -3,15 +3,17 @@
 import io
 import json
 import threading
+from functools import partial
 
 import numpy as np
 from PIL import Image as Picture
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from arm_brachy import graph
 from arm_brachy.core.errors import InputError
+from arm_brachy.core.session import Session
 from arm_brachy.nodes import convert, convert_viewing, parameters
+from arm_brachy.nodes.keyed_trigger import KeyedClient
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import call_every, listen_to
@@ -25,6 +27,7 @@ MM = 1e-3
 TARGETS = (graph.EM_POSE, *graph.ESTIMATES)     # whose last or middle part names a target
 ORDERS = {'hold': ('mpc_manipulator/hold',), 'stop': ('supervisor/emergency_stop',),
           'home': ('mpc_manipulator/abort', 'actuator_driver/home')}
+KEYED = ('actuator_driver/home',)      # of them, what a cell with a key does for a ticket alone
 
 
 class LiveViewNode(Node):
@@ -36,7 +39,7 @@ class LiveViewNode(Node):
     calls mpc_manipulator/set_goal, /hold, /abort, actuator_driver/home,
           supervisor/emergency_stop, when the person at the page asks; none moves a pad unless the
           supervisor allows it
-    par  port : 0 takes a free one
+    par  port : 0 takes a free one;  session_key : of the cell, if it has one
     """
 
     def __init__(self, **kwargs):
@@ -47,7 +50,9 @@ class LiveViewNode(Node):
         self._feed, self._values, self._truth, self._picture = Feed(), {}, (), None
         self._anchors, self._heard = {}, set()
         self._goals = self.create_client(SetGoal, 'mpc_manipulator/set_goal')
-        self._orders = {name: self.create_client(Trigger, name)
+        key = parameters.text(self, 'session_key', '', 'file with the key of the session')
+        session = Session.load(key) if key else None
+        self._orders = {name: KeyedClient(self, session if name in KEYED else None, name)
                         for names in ORDERS.values() for name in names}
         for topic, hear in ((graph.MARKERS, self._on_markers),
                             (graph.TRUTH_MARKERS, self._on_truth),
@@ -65,17 +70,23 @@ class LiveViewNode(Node):
 
     def _look(self):
         """Listen to the force of every pad that somebody measures."""
-        for name, _ in self.get_topic_names_and_types():
-            if graph.WRENCH.matches(name[1:]) and name not in self._heard:
+        for name in self._names():
+            if graph.WRENCH.matches(name) and name not in self._heard:
                 self._heard.add(name)
-                pad = name.split('/')[2]
+                pad = name.split('/')[1]
                 listen_to(self, graph.WRENCH.at(pad=pad), lambda msg, pad=pad: self._note(
                     'force of the tissue / N', pad, np.linalg.norm(convert.xyz(msg.wrench.force))),
                     lockstep=False)
 
+    def _names(self):
+        """Topics of the cell, without its namespace."""
+        prefix = self.get_namespace().rstrip('/') + '/'
+        return [name.removeprefix(prefix) for name, _ in self.get_topic_names_and_types()
+                if name.startswith(prefix)]
+
     def _targets(self):
         """Names of the targets that somebody tracks or estimates, sorted."""
-        names = [name[1:] for name, _ in self.get_topic_names_and_types()]
+        names = self._names()
         return sorted({name.split('/')[1 if topic is graph.EM_POSE else 2]
                        for name in names for topic in TARGETS if topic.matches(name)})
 
@@ -123,7 +134,7 @@ class LiveViewNode(Node):
                                   goal=convert.point(shift if start is None else start + shift),
                                   axes=[a in mm for a in 'xyz'])
         request.header.stamp = self.get_clock().now().to_msg()
-        answer = _answer(self._goals, request)
+        answer = _answer(self._goals, partial(self._goals.call_async, request))
         if answer is None:
             return _said('mpc_manipulator does not answer: no goal can be set in this cell')
         if answer.accepted and start is None:
@@ -139,7 +150,8 @@ class LiveViewNode(Node):
         self._anchors.clear()
         said = []
         for name in names:
-            answer = _answer(self._orders[name], Trigger.Request())
+            order = self._orders[name]
+            answer = _answer(order.client, order.call_async)
             said.append(f'{name} does not answer' if answer is None
                         else answer.message or f'{name}: done')
         return _said('; '.join(said))
@@ -150,12 +162,15 @@ class LiveViewNode(Node):
         self._server.server_close()
 
 
-def _answer(client, request):
-    """Answer of a service, None without one in time; not for the thread that rclpy spins in."""
+def _answer(client, ask):
+    """Answer of the service that `ask` calls, None without one in time.
+
+    Not for the thread that rclpy spins in.
+    """
     if not client.wait_for_service(PATIENCE_S):
         return None
     answered = threading.Event()
-    future = client.call_async(request)
+    future = ask()
     future.add_done_callback(lambda _: answered.set())
     return future.result() if answered.wait(PATIENCE_S) else None
 

@@ -7,8 +7,8 @@ from arm_brachy.control.safety import Permission
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.keyed_trigger import KeyedTrigger
 from arm_brachy.nodes.permission import PermissionWatch, command_gate
-from arm_brachy.nodes.release import Release
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
 from arm_brachy_msgs.msg import ActuatorCommand
@@ -27,7 +27,7 @@ class NeedleDriverNode(Node):
     out  needle/state        JointState       every tick: [needle, roll]; depth as last measured
          needle/tip          PoseStamped      outside the hole; stamp = measurement
          truth/needle        PoseArray        shaft, template to tip
-    srv  ~/release           Trigger; in a cell with a key only a release_ticket releases
+    srv  ~/release           Trigger; in a cell with a key for a release_ticket
     par  scenario
     """
 
@@ -49,7 +49,7 @@ class NeedleDriverNode(Node):
         self._commands, self._refused = 0, 0
         for topic in graph.NEEDLE_DRIVER.subscribes:
             ticker.subscribe(topic)
-        self.release = Release(self, setup.session, self._release)
+        self.release = KeyedTrigger(self, setup.session, 'release', self._release)
         ticker.start()
 
     def _permit(self, permission, reason):
@@ -119,6 +119,7 @@ class NeedleDriverNode(Node):
             raise CommandRefused('needle: the safety state is not RUN; call supervisor/reset '
                                  'first')
         self._driver.release()
+        return 'released'
 
     def close(self):
         """Stand still."""

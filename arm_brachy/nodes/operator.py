@@ -47,7 +47,7 @@ class OperatorNode(Node):
         if self._tasks:     # without any it calls nobody, and waits for nobody who would serve
             self._goal_client = self._calls.client(SetGoal, 'mpc_manipulator/set_goal')
             self._abort_client = self._calls.client(Trigger, 'mpc_manipulator/abort')
-            self._home_client = self._calls.client(Trigger, 'actuator_driver/home')
+            self._home_client = self._calls.keyed(setup.session, 'actuator_driver/home')
         self._state, self._at_home, self._progress = None, False, Progress()
         ticker = Ticker(self, graph.OPERATOR, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent,
@@ -159,7 +159,7 @@ class OperatorNode(Node):
         aborted = self._abort_client.call_async(Trigger.Request())
 
         def go_home(_):
-            self._home_client.call_async(Trigger.Request()).add_done_callback(
+            self._home_client.call_async().add_done_callback(
                 lambda f: self._homing(t_ns, f.result(), finished))
 
         aborted.add_done_callback(go_home)

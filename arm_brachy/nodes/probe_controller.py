@@ -1,5 +1,6 @@
 """ROS 2 shell of the arm that keeps the probe on the needle's tip; the arm is simulated in it."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +12,8 @@ from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.keyed_trigger import KeyedTrigger
 from arm_brachy.nodes.permission import PermissionWatch
-from arm_brachy.nodes.release import Release
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
 
@@ -32,8 +33,8 @@ class ProbeControllerNode(Node):
     out  probe/state         ProbeState     every tick; stamp = tick
          probe/joint_states  JointState, probe/pose PoseStamped, probe/wrench WrenchStamped
          truth/probe         PoseStamped    simulated arm only
-    srv  ~/follow, ~/retract, ~/hold, ~/release  Trigger; in a cell with a key only a
-         release_ticket releases
+    srv  ~/follow, ~/release  Trigger; in a cell with a key for a follow_ticket, a release_ticket
+         ~/retract, ~/hold  Trigger, open to all: off the skin, and at rest
     par  scenario, and the section probe there
     """
 
@@ -59,10 +60,11 @@ class ProbeControllerNode(Node):
             if topic not in graph.ESTIMATED_MESHES or topic.name in (self._topology,
                                                                      self._positions):
                 ticker.subscribe(topic)
-        self.release = Release(self, setup.session, self._arm.release)
-        for service in ('follow', 'retract', 'hold'):
-            self.create_service(Trigger, f'~/{service}', self._answer(getattr(self._arm, service),
-                                                                      service))
+        self.follow, self.release = (
+            KeyedTrigger(self, setup.session, name, partial(self._done, name))
+            for name in ('follow', 'release'))
+        for name in ('retract', 'hold'):
+            self.create_service(Trigger, f'~/{name}', partial(self._on_call, name))
         ticker.start()
 
     def _work(self, tick, t_ns, inputs):
@@ -101,17 +103,16 @@ class ProbeControllerNode(Node):
         except InputError as problem:      # the surface that was there stays
             self._health.refuse(t_ns, Outcome.REJECTED, str(problem))
 
-    @staticmethod
-    def _answer(action, name):
-        """Callback of a Trigger service that calls `action`."""
-        def serve(request, response):
-            try:
-                action()
-                response.success, response.message = True, name
-            except CommandRefused as refusal:
-                response.success, response.message = False, str(refusal)
-            return response
-        return serve
+    def _done(self, name):
+        getattr(self._arm, name)()
+        return name
+
+    def _on_call(self, name, request, response):
+        try:
+            response.success, response.message = True, self._done(name)
+        except CommandRefused as refusal:
+            response.success, response.message = False, str(refusal)
+        return response
 
     def close(self):
         """Let the simulated arm go."""

@@ -1,5 +1,7 @@
 """What the operator's node does in a scenario with a procedure: messages in, orders out."""
 
+from functools import partial
+
 from std_srvs.srv import Trigger
 
 from arm_brachy import cell as cells
@@ -12,8 +14,8 @@ from arm_brachy.nodes import convert
 from arm_brachy_msgs.msg import ActuatorCommand, TaskState
 from arm_brachy_msgs.srv import SetGoal
 
-TRIGGERS = {Kind.SCAN: 'surface_scanner/scan', Kind.FOLLOW: 'probe_controller/follow',
-            Kind.HOLD: 'probe_controller/hold', Kind.RETRACT: 'probe_controller/retract'}
+TRIGGERS = {Kind.SCAN: 'surface_scanner/scan', Kind.HOLD: 'probe_controller/hold',
+            Kind.RETRACT: 'probe_controller/retract'}
 HOLE_NAMES = ('hole_x', 'hole_y', 'hole_z', 'roll')
 
 
@@ -38,8 +40,11 @@ class ProcedureConductor:
             setup.frame, calls, health, task_pub)
         self._goal = calls.client(SetGoal, 'mpc_manipulator/set_goal')
         self._abort = calls.client(Trigger, 'mpc_manipulator/abort')
-        self._home = calls.client(Trigger, 'actuator_driver/home')
-        self._triggers = {kind: calls.client(Trigger, name) for kind, name in TRIGGERS.items()}
+        self._home = calls.keyed(setup.session, 'actuator_driver/home').call_async
+        follow = calls.keyed(setup.session, 'probe_controller/follow').call_async
+        self._triggers = {Kind.FOLLOW: follow, **{
+            kind: partial(calls.client(Trigger, name).call_async, Trigger.Request())
+            for kind, name in TRIGGERS.items()}}
         self._needle_pub = ticker.publisher(graph.NEEDLE_COMMAND)
         self._state_pub = ticker.publisher(graph.PROCEDURE)
         self._estimate = graph.estimate(scenario.feedback).at(
@@ -111,9 +116,8 @@ class ProcedureConductor:
         names = HOLE_NAMES if order.kind is Kind.PLACE else HOLE_NAMES[-1:]
         return convert.actuator_command(t_ns, self._frame, names, order.value)
 
-    def _call(self, t_ns, client, then):
-        client.call_async(Trigger.Request()).add_done_callback(
-            lambda f: self._answered(t_ns, f.result(), then))
+    def _call(self, t_ns, ask, then):
+        ask().add_done_callback(lambda f: self._answered(t_ns, f.result(), then))
 
     def _answered(self, t_ns, answer, then):
         if not answer.success:

@@ -37,7 +37,7 @@ class PushProtocolNode(Node):
         self._permission = PermissionWatch(setup, self._protocol.permit)
         self._encoders, self._progress = None, Progress()
         self._calls = ServiceCalls(self)
-        self._home_client = self._calls.client(Trigger, 'actuator_driver/home')
+        self._home_client = self._calls.keyed(setup.session, 'actuator_driver/home')
         ticker = Ticker(self, graph.PUSH_PROTOCOL, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent,
                         session=setup.session)
@@ -96,7 +96,7 @@ class PushProtocolNode(Node):
                 self._health.refuse(t_ns, Outcome.REJECTED, answer.message)
             finished.set_result(None)
 
-        self._home_client.call_async(Trigger.Request()).add_done_callback(answered)
+        self._home_client.call_async().add_done_callback(answered)
         return finished
 
     def _on_resume(self, request, response):

@@ -3,17 +3,14 @@
 import time
 
 import rclpy
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from arm_brachy import graph
 from arm_brachy.core.errors import ArmBrachyError, ConfigError
 from arm_brachy.core.session import Session
 from arm_brachy.nodes import parameters
-from arm_brachy.nodes.release import TICKET
+from arm_brachy.nodes.keyed_trigger import ticket_request
 from arm_brachy.nodes.spin import spin_node
 
 PATIENCE_S = 10.0      # for a service to be found and to answer
@@ -23,7 +20,7 @@ DRIVERS = (graph.ACTUATOR_DRIVER, graph.NEEDLE_DRIVER, graph.PROBE_CONTROLLER)
 class ReleaseClient(Node):
     """Resets the supervisor, then releases every driver that is there, each by a ticket.
 
-    calls supervisor/reset; <driver>/set_parameters
+    calls set_parameters of the supervisor and of every driver, with a ticket
     par   session_key (required)
     """
 
@@ -37,32 +34,28 @@ class ReleaseClient(Node):
 
     def release(self):
         """Do it. Raises ArmBrachyError with the first refusal."""
-        self._demand(self._call(Trigger, 'supervisor/reset', Trigger.Request()), 'success',
-                     'message')
+        self._act(graph.SUPERVISOR, 'reset', patience=0.0)
         there = {name for name, _ in self.get_service_names_and_types()}
         for driver in DRIVERS:
-            full = self.resolve_service_name(f'{driver.name}/set_parameters')
-            if full in there:
-                self._release(full, full.removesuffix('/set_parameters') + '/release')
+            if self._parameters_of(driver) in there:
+                self._act(driver, 'release', patience=PATIENCE_S)
 
-    def _release(self, service, action):
-        """A driver hears of the reset a tick later, so it is asked again for a while."""
-        end = time.monotonic() + PATIENCE_S
+    def _parameters_of(self, node):
+        return self.resolve_service_name(f'{node.name}/set_parameters')
+
+    def _act(self, node, action, patience):
+        """A driver hears of the reset a tick later, so it is asked again for a while [s]."""
+        end = time.monotonic() + patience
+        full = self.resolve_service_name(f'{node.name}/{action}')
         while True:
-            ticket = self._session.ticket(action, time.time_ns())
-            value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=ticket)
-            result, = self._call(SetParameters, service, SetParameters.Request(
-                parameters=[ParameterMessage(name=TICKET, value=value)])).results
+            result, = self._call(SetParameters, self._parameters_of(node),
+                                 ticket_request(self._session, full)).results
             if result.successful or time.monotonic() > end:
                 break
             time.sleep(0.2)
-        self._demand(result, 'successful', 'reason')
-        print(f'{action}: {result.reason or "done"}', flush=True)
-
-    @staticmethod
-    def _demand(answer, done, why):
-        if not getattr(answer, done):
-            raise ArmBrachyError(getattr(answer, why))
+        if not result.successful:
+            raise ArmBrachyError(result.reason)
+        print(f'{full}: {result.reason or "done"}', flush=True)
 
     def _call(self, kind, name, request):
         client = self.create_client(kind, name)

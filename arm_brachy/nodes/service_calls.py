@@ -5,6 +5,7 @@ import time
 from rclpy.task import Future
 
 from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.nodes.keyed_trigger import KeyedClient
 from arm_brachy.nodes.ticker import call_every
 
 PATIENCE_S = 30.0  # with a service; the longest takes one solve of the model
@@ -25,6 +26,12 @@ class ServiceCalls:
         """Create the client of a service."""
         self._clients.append(self._node.create_client(kind, name))
         return self._clients[-1]
+
+    def keyed(self, session, name):
+        """Create the client of a KeyedTrigger; session : of the cell, None without a key."""
+        keyed = KeyedClient(self._node, session, name)
+        self._clients.append(keyed.client)
+        return keyed
 
     def unready(self):
         """Services that are not there yet: a request sent to nobody is never answered."""

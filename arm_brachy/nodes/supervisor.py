@@ -9,9 +9,11 @@ from std_srvs.srv import Trigger
 from arm_brachy import graph
 from arm_brachy.control.cell_watch import MotionWatch, PulseWatch
 from arm_brachy.control.safety import Permission, Safety
+from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.keyed_trigger import KeyedTrigger
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker, call_every, listen_to
 from arm_brachy_msgs.msg import SafetyState
@@ -33,7 +35,8 @@ class SupervisorNode(Node):
          probe/state   ProbeState  the contact forces of the tick
          cell/done/<node>    TickDone       sign of life of every peer (wall pace)
     out  cell/safety         SafetyState    every tick
-    srv  ~/emergency_stop, ~/hold, ~/reset  Trigger
+    srv  ~/emergency_stop, ~/hold  Trigger, open to all
+         ~/reset             Trigger; in a cell with a key for a reset_ticket
     par  scenario, pad_force_N, silence_s
     """
 
@@ -68,7 +71,7 @@ class SupervisorNode(Node):
             listen_to(self, graph.TICK_DONE.at(node=peer), self._on_alive, lockstep=False)
         self.create_service(Trigger, '~/emergency_stop', self._on_stop)
         self.create_service(Trigger, '~/hold', self._on_hold)
-        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.reset = KeyedTrigger(self, setup.session, 'reset', self._reset)
         call_every(self, LOOK_PERIOD_S, self._look)
         ticker.start()
 
@@ -121,8 +124,11 @@ class SupervisorNode(Node):
             name = self.resolve_topic_name(topic.name)
             owned = ours or topic in self._sealed_topics
             for end in self.get_publishers_info_by_topic(name) if owned else ():
-                if end.node_name not in (*ours, graph.REPLAYER, UNKNOWN):
-                    yield f'{end.node_name} on {name}'
+                if end.node_name == UNKNOWN:
+                    continue
+                if (end.node_namespace != self.get_namespace()
+                        or end.node_name not in (*ours, graph.REPLAYER)):
+                    yield f'{_full_name(end)} on {name}'
 
     def _look(self):
         """On the wall's clock: who else publishes what only we may, and whether ticks come."""
@@ -158,19 +164,26 @@ class SupervisorNode(Node):
 
     def _on_hold(self, request, response):
         self._safety.hold('hold on request')
-        return self._changed(response, True, 'holding; call supervisor/reset to run again')
+        return self._changed(response, True, 'holding; to run again: arm-brachy release BAG; in a '
+                             'cell without a key supervisor/reset')
 
-    def _on_reset(self, request, response):
+    def _reset(self):
         stopped = self._safety.permission is Permission.STOP
         done, message = self._safety.reset()
-        if done and stopped:
-            message += '; the drives stay cut until actuator_driver/release'
-        return self._changed(response, done, message)
+        self._publish()
+        if not done:
+            raise CommandRefused(message)
+        return message + ('; the drives stay cut until actuator_driver/release' if stopped else '')
 
     def _changed(self, response, success, message):
         self._publish()
         response.success, response.message = success, message
         return response
+
+
+def _full_name(end):
+    """Name of the node of an endpoint, with its namespace if it has one."""
+    return end.node_name if end.node_namespace == '/' else f'{end.node_namespace}/{end.node_name}'
 
 
 def main(args=None):

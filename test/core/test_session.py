@@ -5,7 +5,7 @@ import os
 import pytest
 
 from arm_brachy.core.errors import ConfigError
-from arm_brachy.core.session import SealError, Session, unsealed
+from arm_brachy.core.session import SealError, Session, place_of, unsealed
 
 TOPIC, NOW = '/actuators/command', 1_800_000_000_000_000_000
 
@@ -71,6 +71,20 @@ def test_a_ticket_serves_once_for_its_action_for_a_minute(key_file, tmp_path):
     assert 'another session' in mine.refusal(forged, 'release', NOW)
     for rubbish in ('', 'release', 'release:x:y', f'release:{"9" * 30}:00', 'release:1:é'):
         assert mine.refusal(rubbish, 'release', NOW)
+
+
+def test_tickets_of_different_actions_may_arrive_in_any_order(key_file):
+    holder, mine = Session.load(key_file), Session.load(key_file)
+    first, second = holder.ticket('home', NOW), holder.ticket('release', NOW + 1)
+    assert mine.refusal(second, 'release', NOW) == mine.refusal(first, 'home', NOW) == ''
+
+
+def test_a_key_file_says_where_its_cell_is(tmp_path, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', '31')
+    for place, found in ((('71', 'lab/left'), ('71', 'lab/left')), (('71',), ('71', '')),
+                         ((), ('31', ''))):
+        Session.create(tmp_path / 'bag.key', *place)
+        assert place_of(tmp_path / 'bag.key') == found
 
 
 def test_a_bad_key_file_is_named(tmp_path, key_file):

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from arm_brachy import launcher
+
 HERE = Path(__file__).resolve().parent
 SCENARIO = HERE / 'short.yaml'
 COMMAND = Path(sys.prefix) / 'bin' / 'arm-brachy'
@@ -79,6 +81,20 @@ def quiet_run(tmp_path_factory):
     done = arm_brachy('run', SCENARIO, '--out', folder)
     assert done.returncode == 0, done.stderr + done.stdout
     return folder, done.stdout
+
+
+@pytest.fixture(scope='session')
+def two_cells(tmp_path_factory):
+    """Two runs at once in one domain, in namespaces: name -> (folder, what it printed)."""
+    root, names = tmp_path_factory.mktemp('cells'), ('left', 'right')
+    with launcher.Domain() as domain:
+        runs = {name: subprocess.Popen(
+            [str(COMMAND), 'run', str(SCENARIO), '--namespace', name, '--out', str(root / name)],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            env={**os.environ, 'ROS_DOMAIN_ID': domain}) for name in names}
+        printed = {name: run.communicate(timeout=480)[0] for name, run in runs.items()}
+    assert [run.returncode for run in runs.values()] == [0, 0], printed
+    return {name: (root / name, printed[name]) for name in names}
 
 
 @pytest.fixture(scope='session')

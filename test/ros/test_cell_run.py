@@ -1,5 +1,6 @@
 """The whole graph, once: what it records, nothing lost, the bits of one process."""
 
+import json
 import subprocess
 from xml.etree import ElementTree
 
@@ -143,6 +144,19 @@ def test_load_changes_no_bit_of_what_is_recorded(quiet_run, loaded_run, still_al
     assert quiet == loaded
     assert len(quiet) > 20
     assert still_alive(loaded_run[0]) == []
+
+
+@pytest.mark.validate
+def test_two_cells_at_once_say_what_one_alone_says_each_in_a_bag_of_its_own(quiet_run, two_cells):
+    """In one domain, under different namespaces; both are evaluated and reach their goal."""
+    alone = payload_hashes(quiet_run[0] / 'bag')
+    for name, (folder, printed) in two_cells.items():
+        assert f'namespace /{name}' in printed
+        found = payload_hashes(folder / 'bag')
+        assert found == {f'/{name}{topic}': digest for topic, digest in alone.items()}
+        report = json.loads((folder / 'report.json').read_text())
+        met = {target['name']: target['met'] for target in report['targets']}
+        assert met['tasks done'] and all(met.values()), met
 
 
 VIEWER = ('/cell/markers', '/truth/markers', '/tf', '/tf_static', '/joint_states',

@@ -1,5 +1,6 @@
 """The node of the probe's arm on its own: messages in, messages out, services."""
 
+import time
 from contextlib import contextmanager
 
 import numpy as np
@@ -10,6 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_srvs.srv import Trigger
 
 from arm_brachy import graph
+from arm_brachy.core.session import Session
 from arm_brachy.nodes import convert
 from arm_brachy.nodes.probe_controller import ProbeControllerNode
 from arm_brachy_msgs.msg import ProbeContact, ProbeState, SafetyState
@@ -20,11 +22,12 @@ RADIUS = 0.06            # m of a ball that plays the body
 
 
 @contextmanager
-def running(scenario):
-    """The node with a scenario (path)."""
+def running(scenario, key=''):
+    """The node with a scenario (path), and with the key of a session (path)."""
     rclpy.init()
     made = ProbeControllerNode(parameter_overrides=[
         Parameter('scenario', value=str(scenario)), Parameter('pace', value='wall'),
+        Parameter('session_key', value=str(key)),
         Parameter('peers', value=[graph.PROBE_CONTROLLER.name, graph.SUPERVISOR.name])])
     try:
         yield made
@@ -69,7 +72,7 @@ def ticks_of(node):
 
 def test_it_follows_the_tip_over_the_cloud_once_asked_and_allowed(node):
     tick = ticks_of(node)
-    follow = node._answer(node._arm.follow, 'follow')
+    follow = node.follow._on_call
     tick(1, SafetyState.HOLD, SURFACE=convert.cloud(0, 'cell_base', ball()))
     assert not follow(Trigger.Request(), Trigger.Response()).success
     tick(2, SafetyState.RUN)
@@ -89,14 +92,34 @@ def test_it_follows_the_tip_over_the_cloud_once_asked_and_allowed(node):
     assert state.phase == ProbeState.STOPPED
 
 
+def test_in_a_cell_with_a_key_it_follows_for_a_ticket_alone(ros_domain_id, short_scenario,
+                                                            tmp_path):
+    session, other = (Session.create(tmp_path / f'{name}.key') for name in ('bag', 'other'))
+    with running(short_scenario, tmp_path / 'bag.key') as node:
+        tick = ticks_of(node)
+        tick(1, SafetyState.RUN, SURFACE=convert.cloud(0, 'cell_base', ball()))
+
+        def ask(whose):
+            result, = node.set_parameters([Parameter('follow_ticket', value=whose.ticket(
+                '/probe_controller/follow', time.time_ns()))])
+            return result
+        answer = node.follow._on_call(Trigger.Request(), Trigger.Response())
+        assert not answer.success and 'follow needs the session key' in answer.message
+        assert 'another session' in ask(other).reason
+        state, *_ = tick(2, SafetyState.RUN)
+        assert state.phase == ProbeState.IDLE
+        assert ask(session).successful
+        state, *_ = tick(3, SafetyState.RUN)
+        assert state.phase == ProbeState.APPROACH
+
+
 def test_the_scissor_linkage_says_its_four_joints(ros_domain_id, live_scenario):
     """The message has room for seven torques; those that there are not are NaN."""
     scenario = live_scenario('probe: {probe_holder: scissor_rcm, strategy: orientation}')
     with running(scenario) as node:
         tick = ticks_of(node)
         tick(1, SafetyState.RUN, SURFACE=convert.cloud(0, 'cell_base', ball()))
-        assert node._answer(node._arm.follow, 'follow')(Trigger.Request(),
-                                                        Trigger.Response()).success
+        assert node.follow._on_call(Trigger.Request(), Trigger.Response()).success
         contact = ProbeContact(stiffness=np.zeros(36))
         for k in range(2, 30):
             state, joints, pose, *_ = tick(k, SafetyState.RUN, TRUTH_CONTACT=contact)

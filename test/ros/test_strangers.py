@@ -10,9 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -24,13 +21,13 @@ from arm_brachy import graph
 from arm_brachy.core.session import Session
 from arm_brachy.nodes import convert
 from arm_brachy.nodes.actuator_driver import ActuatorDriverNode
+from arm_brachy.nodes.keyed_trigger import KeyedClient
 from arm_brachy.nodes.supervisor import SupervisorNode
 from arm_brachy.nodes.ticker import message_type, offered
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState, TickDone
 
 pytestmark = [pytest.mark.ros, pytest.mark.wall]
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
-RELEASE = '/actuator_driver/release'
 
 
 class Bench(Node):
@@ -96,18 +93,19 @@ class Bench(Node):
     def trigger(self, name):
         return self.call(Trigger, name, Trigger.Request())
 
-    def release(self, ticket):
-        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=ticket)
-        result, = self.call(SetParameters, 'actuator_driver/set_parameters', SetParameters.Request(
-            parameters=[ParameterMessage(name='release_ticket', value=value)])).results
-        return result
+    def keyed(self, service, session=None):
+        """Call as a node of the cell does; session : another one is a stranger's."""
+        client = KeyedClient(self, session or self.session, service)
+        assert self.watch(client.client.service_is_ready), service
+        future = client.call_async()
+        assert self.watch(future.done), service
+        return future.result()
 
     def run_again(self):
         """Back to RUN and released, as the person with the key does it."""
-        assert self.watch(lambda: self.trigger('supervisor/reset').success)
+        assert self.watch(lambda: self.keyed('supervisor/reset').success)
         assert self.watch(lambda: self.permission.state == SafetyState.RUN)
-        assert self.watch(lambda: self.release(
-            self.session.ticket(RELEASE, self.now_ns)).successful)
+        assert self.watch(lambda: self.keyed('actuator_driver/release').success)
 
 
 @pytest.fixture(scope='module')
@@ -196,7 +194,7 @@ def test_a_recorded_command_sent_again_and_a_seal_of_another_key_are_refused(ben
     assert np.abs(bench.q).max() < 0.1e-3
 
 
-def test_under_an_emergency_stop_no_stranger_moves_a_pad(bench):
+def test_under_an_emergency_stop_no_stranger_moves_a_pad(bench, tmp_path):
     """RUN on cell/safety, ~/release and commands without the key; then the one with the key."""
     assert bench.trigger('supervisor/emergency_stop').success
     assert bench.watch(lambda: bench.permission.state == SafetyState.STOP)
@@ -206,15 +204,35 @@ def test_under_an_emergency_stop_no_stranger_moves_a_pad(bench):
         bench.send(graph.SAFETY, bench.run())
         bench.send(graph.COMMAND, bench.order(0.03, 0.03, 0.03, 0.03))
         bench.executor_.spin_once(timeout_sec=0.0)
-    assert not bench.release(f'{RELEASE}:{bench.now_ns}:{"0" * 64}').successful
+    forged = bench.keyed('actuator_driver/release', Session.create(tmp_path / 'other.key'))
+    assert not forged.success and 'a ticket of another session' in forged.message
     assert bench.watch(lambda: bench.said('cell/safety: no seal'))
     bench.watch(lambda: False, 0.5)
     assert np.abs(bench.q).max() < 0.1e-3
-    early = bench.release(bench.session.ticket(RELEASE, bench.now_ns))
-    assert not early.successful and 'safety state is not RUN' in early.reason
+    early = bench.keyed('actuator_driver/release')
+    assert not early.success and 'safety state is not RUN' in early.message
     bench.run_again()
     bench.send(graph.COMMAND, bench.order(0.002, 0.0, 0.0, 0.0), bench.session)
     assert bench.watch(lambda: abs(bench.q[0] - 0.002) < 0.1e-3)
+
+
+def test_no_stranger_sends_the_pads_home_or_ends_a_hold(bench, tmp_path):
+    """Neither by the service, nor with a ticket of another key, nor with one that was used."""
+    bench.send(graph.COMMAND, bench.order(0.004, 0.0, 0.0, 0.0), bench.session)
+    assert bench.watch(lambda: abs(bench.q[0] - 0.004) < 0.1e-3)
+    other = Session.create(tmp_path / 'other.key')
+    for service in ('actuator_driver/home', 'supervisor/reset'):
+        answer = bench.trigger(service)
+        assert not answer.success and 'needs the session key' in answer.message
+        assert 'another session' in bench.keyed(service, other).message
+    assert bench.trigger('supervisor/hold').success
+    assert bench.watch(lambda: bench.permission.state == SafetyState.HOLD)
+    assert not bench.trigger('supervisor/reset').success
+    bench.watch(lambda: False, 0.5)
+    assert bench.permission.state == SafetyState.HOLD and abs(bench.q[0] - 0.004) < 0.1e-3
+    bench.run_again()
+    assert bench.keyed('actuator_driver/home').success
+    assert bench.watch(lambda: np.abs(bench.q).max() < 0.1e-3)
 
 
 def test_motion_without_permission_is_a_stop_within_a_second_of_its_grace(bench):
@@ -258,7 +276,7 @@ def test_a_stranger_among_the_sensors_is_a_hold_within_a_second_and_named(bench)
     assert bench.watch(lambda: bench.permission.state == SafetyState.HOLD)
     assert time.monotonic() - begun < 2.0
     assert 'intruder on /actuators/state' in bench.permission.reason
-    assert not bench.trigger('supervisor/reset').success
+    assert 'still in force' in bench.keyed('supervisor/reset').message
     stranger.destroy_publisher(pub)
     stranger.destroy_node()
     bench.watch(lambda: False, 1.0)
