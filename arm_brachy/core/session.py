@@ -116,7 +116,8 @@ class Session:
             return f'a ticket older than {TICKET_LIFE_S:.0f} s'
         if t_ns <= self._used.get(action, 0):
             return 'a ticket that was used'
-        self._used[action] = t_ns
+        old = now_ns - 2 * TICKET_LIFE_S * 1e9      # refused for its age in any case
+        self._used = {a: t for a, t in self._used.items() if t >= old} | {action: t_ns}
         return ''
 
     def _mac(self, topic, sequence, payload):

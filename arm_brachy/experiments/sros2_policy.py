@@ -20,7 +20,8 @@ PARAMETER_SERVICES = tuple(f'~/{name}' for name in (
 # The table of the graph has who offers a service; here is who calls it. What needs the session key
 # (nodes.keyed_trigger) is called through `set_parameters`, in a cell without a key by its name.
 CALLS = {
-    'operator': ('mpc_manipulator/set_goal', 'mpc_manipulator/abort', 'actuator_driver/home',
+    'operator': ('mpc_manipulator/set_goal', 'mpc_manipulator/set_parameters',
+                 'mpc_manipulator/abort', 'actuator_driver/home',
                  'actuator_driver/set_parameters', 'surface_scanner/scan',
                  'probe_controller/follow', 'probe_controller/hold', 'probe_controller/retract',
                  'probe_controller/set_parameters'),

@@ -81,11 +81,14 @@ class KeyedClient:
         return answered
 
 
-def ticket_request(session, full_name):
-    """Request to `set_parameters` of a node that does an action, '/actuator_driver/home', once."""
+def ticket_request(session, full_name, action=None):
+    """Request to `set_parameters` of a node that does an action, '/actuator_driver/home', once.
+
+    action : what the ticket is made for, if it is more than the name of the service
+    """
     name = TICKET.format(full_name.rpartition('/')[2])
     value = ParameterValue(type=ParameterType.PARAMETER_STRING,
-                           string_value=session.ticket(full_name, time.time_ns()))
+                           string_value=session.ticket(action or full_name, time.time_ns()))
     return SetParameters.Request(parameters=[ParameterMessage(name=name, value=value)])
 
 

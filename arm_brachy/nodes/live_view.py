@@ -13,6 +13,7 @@ from arm_brachy import graph
 from arm_brachy.core.errors import InputError
 from arm_brachy.core.session import Session
 from arm_brachy.nodes import convert, convert_viewing, parameters
+from arm_brachy.nodes.keyed_goal import KeyedGoals
 from arm_brachy.nodes.keyed_trigger import KeyedClient
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.spin import spin_node
@@ -49,9 +50,9 @@ class LiveViewNode(Node):
             raise InputError(f'live_view: port = {port!r}; must be a whole number')
         self._feed, self._values, self._truth, self._picture = Feed(), {}, (), None
         self._anchors, self._heard = {}, set()
-        self._goals = self.create_client(SetGoal, 'mpc_manipulator/set_goal')
         key = parameters.text(self, 'session_key', '', 'file with the key of the session')
         session = Session.load(key) if key else None
+        self._goals = KeyedGoals(self, session)
         self._orders = {name: KeyedClient(self, session if name in KEYED else None, name)
                         for names in ORDERS.values() for name in names}
         for topic, hear in ((graph.MARKERS, self._on_markers),
@@ -134,7 +135,7 @@ class LiveViewNode(Node):
                                   goal=convert.point(shift if start is None else start + shift),
                                   axes=[a in mm for a in 'xyz'])
         request.header.stamp = self.get_clock().now().to_msg()
-        answer = _answer(self._goals, partial(self._goals.call_async, request))
+        answer = _answer(self._goals.client, partial(self._goals.call_async, request))
         if answer is None:
             return _said('mpc_manipulator does not answer: no goal can be set in this cell')
         if answer.accepted and start is None:

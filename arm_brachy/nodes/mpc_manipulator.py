@@ -10,6 +10,7 @@ from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.keyed_goal import GoalProof
 from arm_brachy.nodes.permission import PermissionWatch
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
@@ -26,7 +27,8 @@ class MpcManipulatorNode(Node):
          cell/safety         SafetyState  all but RUN, or (wall pace) silence, drops the goal
     out  actuators/command   ActuatorCommand    every control period while a goal is pursued
          manipulation/state  ManipulationState  every control period
-    srv  ~/set_goal SetGoal, ~/abort and ~/hold Trigger
+    srv  ~/set_goal SetGoal; in a cell with a key after its set_goal_ticket
+         ~/abort and ~/hold Trigger, open to all
     par  scenario
     """
 
@@ -47,6 +49,7 @@ class MpcManipulatorNode(Node):
             ticker.subscribe(topic)
         ticker.subscribe(graph.ACTUATORS)
         ticker.subscribe(graph.SAFETY)
+        self._proof = GoalProof(self, setup.session)
         self.create_service(SetGoal, '~/set_goal', self._on_goal)
         self.create_service(Trigger, '~/abort', self._on_abort)
         self.create_service(Trigger, '~/hold', self._on_hold)
@@ -92,6 +95,8 @@ class MpcManipulatorNode(Node):
 
     def _on_goal(self, request, response):
         try:
+            if refusal := self._proof.refusal(request):
+                raise CommandRefused(refusal)
             answer = self._control.pursue(self._goal(request))
         except CommandRefused as refusal:
             response.accepted, response.message = False, str(refusal)

@@ -45,7 +45,7 @@ class OperatorNode(Node):
         self._conductor = None
         self._again, self._asked_ns = None, 0      # a task whose goal was refused at first
         if self._tasks:     # without any it calls nobody, and waits for nobody who would serve
-            self._goal_client = self._calls.client(SetGoal, 'mpc_manipulator/set_goal')
+            self._goal_client = self._calls.goals(setup.session)
             self._abort_client = self._calls.client(Trigger, 'mpc_manipulator/abort')
             self._home_client = self._calls.keyed(setup.session, 'actuator_driver/home')
         self._state, self._at_home, self._progress = None, False, Progress()

@@ -38,7 +38,7 @@ class ProcedureConductor:
         self.procedure = cells.build_procedure(setup.cell)
         self._frame, self._calls, self._health, self._task_pub = (
             setup.frame, calls, health, task_pub)
-        self._goal = calls.client(SetGoal, 'mpc_manipulator/set_goal')
+        self._goal = calls.goals(setup.session)
         self._abort = calls.client(Trigger, 'mpc_manipulator/abort')
         self._home = calls.keyed(setup.session, 'actuator_driver/home').call_async
         follow = calls.keyed(setup.session, 'probe_controller/follow').call_async

@@ -5,6 +5,7 @@ import time
 from rclpy.task import Future
 
 from arm_brachy.core.errors import ArmBrachyError
+from arm_brachy.nodes.keyed_goal import KeyedGoals
 from arm_brachy.nodes.keyed_trigger import KeyedClient
 from arm_brachy.nodes.ticker import call_every
 
@@ -32,6 +33,12 @@ class ServiceCalls:
         keyed = KeyedClient(self._node, session, name)
         self._clients.append(keyed.client)
         return keyed
+
+    def goals(self, session):
+        """Create the client of `mpc_manipulator/set_goal`; session as of `keyed`."""
+        goals = KeyedGoals(self._node, session)
+        self._clients += goals.clients
+        return goals
 
     def unready(self):
         """Services that are not there yet: a request sent to nobody is never answered."""

@@ -7,12 +7,17 @@ import pytest
 import rclpy
 from geometry_msgs.msg import Point, PoseStamped
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from arm_brachy import graph
 from arm_brachy.core.scene import load_scene
+from arm_brachy.core.session import Session
 from arm_brachy.nodes import convert
+from arm_brachy.nodes.keyed_goal import action_of
+from arm_brachy.nodes.keyed_trigger import ticket_request
+from arm_brachy.nodes.mpc_manipulator import MpcManipulatorNode
 from arm_brachy.nodes.ticker import message_type, offered
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState
 from arm_brachy_msgs.srv import SetGoal
@@ -154,6 +159,31 @@ def test_a_bad_goal_is_refused_with_a_reason(rig, target, goal, axes, said):
     assert '\n' not in answer.message
     rig.watch(lambda: False, 0.3)
     assert rig.commands == []
+
+
+def test_in_a_cell_with_a_key_only_the_goal_of_a_ticket_is_set(short_scenario, tmp_path, cell):
+    """Neither a stranger's goal, nor another one than was announced, nor the same one twice."""
+    sessions = [Session.create(tmp_path / f'{name}.key') for name in ('bag', 'other')]
+    node = MpcManipulatorNode(parameter_overrides=[Parameter(k, value=v) for k, v in {
+        'scenario': str(short_scenario), 'pace': 'wall', 'peers': ['mpc_manipulator'],
+        'session_key': str(tmp_path / 'bag.key')}.items()], namespace='keyed')
+    try:
+        ours, other = (SetGoal.Request(target='target_1', relative=True, goal=Point(x=x), axes=X)
+                       for x in (-2e-3, -5e-3))
+        full = '/keyed/mpc_manipulator/set_goal'
+
+        def announce(session, request):
+            given, = ticket_request(session, full, action_of(full, request)).parameters
+            return node.set_parameters([Parameter.from_parameter_msg(given)])[0]
+
+        def refused(request):
+            return 'needs the session key' in node._on_goal(request, SetGoal.Response()).message
+        assert refused(ours) and 'another session' in announce(sessions[1], ours).reason
+        assert refused(ours)
+        assert announce(sessions[0], ours).successful
+        assert refused(other) and not refused(ours) and refused(ours)
+    finally:
+        node.destroy_node()
 
 
 def test_a_goal_in_another_frame_is_refused(rig):
