@@ -191,6 +191,7 @@ class NodeSpec:
     same: tuple = ()
     previous: tuple = ()
     services: tuple = ()
+    actions: tuple = ()
 
     def hears(self, topic_name):
         """True if the node subscribes to the topic of this name."""
@@ -253,7 +254,7 @@ MPC_MANIPULATOR = NodeSpec(
     subscribes=(ACTUATORS, EM_POSE, *ESTIMATES, SAFETY),
     same=('actuator_driver', 'em_tracker', *(n.name for n in ESTIMATOR_NODES)),
     previous=('supervisor', 'operator'),
-    services=('~/set_goal', '~/abort', '~/hold'))
+    services=('~/set_goal', '~/abort', '~/hold'), actions=('~/move_target',))
 OPERATOR = NodeSpec(
     'operator', "plays the clinician: sets the scenario's goals, sends the pads home; conducts a "
     'procedure',
@@ -426,13 +427,14 @@ def is_shared(topic):
 
 def documentation_table():
     """The nodes and their topics as a Markdown table."""
-    lines = ['| node | what it does | publishes | subscribes | services |',
+    lines = ['| node | what it does | publishes | subscribes | services, actions |',
              '|---|---|---|---|---|']
     common = {OUTCOME.name, DIAGNOSTICS.name}
     for row in NODES:
         says = ', '.join(f'`{t.name}`' for t in row.publishes if t.name not in common)
         hears = 'every topic' if row is RECORDER else \
             ', '.join(f'`{t.name}`' for t in row.subscribes)
-        offers = ', '.join(f'`{s}`' for s in row.services)
+        offers = ', '.join([*(f'`{s}`' for s in row.services),
+                            *(f'`{a}` (action)' for a in row.actions)])
         lines.append(f'| {row.name} | {row.text} | {says} | {hears} | {offers} |')
     return '\n'.join(lines)

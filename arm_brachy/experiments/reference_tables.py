@@ -16,6 +16,8 @@ from arm_brachy.scenario import Scenario
 FILES = {'scene': Scene, 'scenario': Scenario, 'columns': ColumnMap, 'topics': TopicMap,
          'calibration': Calibration}
 DEFINITIONS = 'msg_defs'
+# What follows a bar, by the kind of the definition.
+PARTS = {'.msg': (), '.srv': ('**response**',), '.action': ('**result**', '**feedback**')}
 FIELD = re.compile(r'([\w/]+(?:\[\d*\])?) +(\w+)(=\d+)?(?: *# *(.*))?')
 
 
@@ -27,9 +29,10 @@ def keys(name):
 
 
 def messages(results):
-    """Markdown sections of all messages and services of arm_brachy_msgs, by name."""
+    """Markdown sections of all messages, services and actions of arm_brachy_msgs, by name."""
     folder = share_dir() / DEFINITIONS
-    paths = [*sorted(folder.glob('msg/*.msg')), *sorted(folder.glob('srv/*.srv'))]
+    paths = [path for kind in ('msg', 'srv', 'action')
+             for path in sorted(folder.glob(f'{kind}/*.{kind}'))]
     return '\n\n'.join(_definition(path) for path in paths)
 
 
@@ -37,14 +40,14 @@ def _definition(path):
     lines = path.read_text(encoding='utf-8').splitlines()
     comments = [line[1:].strip() for line in lines if line.startswith('#')]
     about = ' '.join(text for text in comments if not text.startswith('status:'))
-    rows = [_field(line) for line in lines if line and not line.startswith('#')]
+    parts = iter(PARTS[path.suffix])
+    rows = [(next(parts), '', '') if line == '---' else _field(line)
+            for line in lines if line and not line.startswith('#')]
     return f'### {path.stem}\n\n{about}\n\n' + _table(('field', 'type', 'meaning'), rows)
 
 
 def _field(line):
-    """('`name`', '`type`', meaning) of a line; the bar of a service stands between its halves."""
-    if line == '---':
-        return ('**response**', '', '')
+    """('`name`', '`type`', meaning) of a line."""
     kind, name, value, text = FIELD.fullmatch(line.strip()).groups()
     return f'`{name}{value or ""}`', f'`{kind}`', text or ''
 

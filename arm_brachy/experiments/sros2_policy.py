@@ -45,6 +45,7 @@ def policy():
         _section(profile, 'topic', 'subscribe', hears)
         _section(profile, 'service', 'reply', {*row.services, *PARAMETER_SERVICES})
         _section(profile, 'service', 'request', CALLS.get(row.name, ()))
+        _section(profile, 'action', 'execute', row.actions)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding='unicode', xml_declaration=True) + '\n'
 

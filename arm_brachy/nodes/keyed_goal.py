@@ -1,8 +1,9 @@
 """Goals in a cell with a key: a ticket announces the one goal that a request may then set.
 
-A SetGoal request has no field for a proof. Its ticket (core.session) is made for the service and
-the SHA-256 of what is asked, and is given to the parameter `set_goal_ticket` of the controller
-first. Nobody without the key can set another goal in its place.
+Neither a SetGoal request nor a MoveTarget goal has a field for a proof. Its ticket (core.session)
+is made for the service and the SHA-256 of what is asked, and is given to the parameter
+`set_goal_ticket` of the controller first. Nobody without the key can set another goal in its
+place.
 """
 
 import hashlib
@@ -45,7 +46,10 @@ class GoalProof:
         return SetParametersResult(successful=True)
 
     def refusal(self, request):
-        """Why a SetGoal request is not to be obeyed, in one line; '' if it is, once."""
+        """Why a request is not to be obeyed, in one line; '' if it is, once.
+
+        request : SetGoal.Request or MoveTarget.Goal: what a ticket covers is in both
+        """
         if self._session is None:
             return ''
         begin = time.time_ns() - TICKET_LIFE_S * 1e9

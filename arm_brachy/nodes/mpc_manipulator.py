@@ -11,6 +11,7 @@ from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.keyed_goal import GoalProof
+from arm_brachy.nodes.move_target import MoveTargetServer
 from arm_brachy.nodes.permission import PermissionWatch
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
@@ -29,6 +30,7 @@ class MpcManipulatorNode(Node):
          manipulation/state  ManipulationState  every control period
     srv  ~/set_goal SetGoal; in a cell with a key after its set_goal_ticket
          ~/abort and ~/hold Trigger, open to all
+    act  ~/move_target MoveTarget: as ~/set_goal, with the same ticket, feedback and an end
     par  scenario
     """
 
@@ -53,6 +55,7 @@ class MpcManipulatorNode(Node):
         self.create_service(SetGoal, '~/set_goal', self._on_goal)
         self.create_service(Trigger, '~/abort', self._on_abort)
         self.create_service(Trigger, '~/hold', self._on_hold)
+        self._moves = MoveTargetServer(self, self._pursue, self._control.abort)
         ticker.start()
 
     def _work(self, tick, t_ns, inputs):
@@ -92,22 +95,31 @@ class MpcManipulatorNode(Node):
             self._command_pub(convert.actuator_command(t_ns, self._frame, self._names,
                                                        step.command))
         self._state_pub(convert.manipulation_state(t_ns, self._frame, self._control, step))
+        self._moves.step(t_ns, self._frame, step, self._control.active)
 
     def _on_goal(self, request, response):
         try:
-            if refusal := self._proof.refusal(request):
-                raise CommandRefused(refusal)
-            answer = self._control.pursue(self._goal(request))
+            answer = self._pursue(request)
         except CommandRefused as refusal:
             response.accepted, response.message = False, str(refusal)
-            self.get_logger().warning(response.message)
             return response
+        self._moves.end('another goal was set')
         response.accepted, response.feasible = True, answer.feasible
         response.message = answer.message
         response.start = convert.point(answer.start)
         response.reference = convert.point(answer.reference)
         response.closest = convert.point(answer.closest)
         return response
+
+    def _pursue(self, request):
+        """The Answer to a goal that is set. Raises CommandRefused, and logs why."""
+        try:
+            if refusal := self._proof.refusal(request):
+                raise CommandRefused(refusal)
+            return self._control.pursue(self._goal(request))
+        except CommandRefused as refusal:
+            self.get_logger().warning(str(refusal))
+            raise
 
     def _goal(self, request):
         """The Goal asked for. Raises CommandRefused for one in another frame."""
@@ -120,6 +132,7 @@ class MpcManipulatorNode(Node):
 
     def _on_abort(self, request, response):
         self._control.abort()
+        self._moves.end('aborted on request; the pads stay')
         response.success, response.message = True, 'the goal is dropped; the pads stay'
         return response
 

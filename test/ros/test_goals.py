@@ -1,11 +1,13 @@
-"""The manipulator's services, live at wall pace, fed by a bench that plays encoders and EM."""
+"""Services and action of the manipulator, live at wall pace; a bench plays encoders and EM."""
 
 import time
 
 import numpy as np
 import pytest
 import rclpy
+from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import Point, PoseStamped
+from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -19,6 +21,7 @@ from arm_brachy.nodes.keyed_goal import action_of
 from arm_brachy.nodes.keyed_trigger import ticket_request
 from arm_brachy.nodes.mpc_manipulator import MpcManipulatorNode
 from arm_brachy.nodes.ticker import message_type, offered
+from arm_brachy_msgs.action import MoveTarget
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState
 from arm_brachy_msgs.srv import SetGoal
 
@@ -182,6 +185,10 @@ def test_in_a_cell_with_a_key_only_the_goal_of_a_ticket_is_set(short_scenario, t
         assert refused(ours)
         assert announce(sessions[0], ours).successful
         assert refused(other) and not refused(ours) and refused(ours)
+        move = MoveTarget.Goal(target='target_1', relative=True, goal=Point(x=-2e-3), axes=X)
+        assert node._proof.refusal(move)
+        assert announce(sessions[0], move).successful
+        assert not node._proof.refusal(move) and node._proof.refusal(move)
     finally:
         node.destroy_node()
 
@@ -236,3 +243,86 @@ def test_losing_the_tracker_holds_the_command(rig):
     held = rig.commands[-1].position
     rig.watch(lambda: False, 1.0)
     assert rig.commands[-1].position == held
+
+
+@pytest.fixture
+def moves(rig):
+    """Callable: ask for a move; returns its handle, a future of its result, its feedback."""
+    client = ActionClient(rig, MoveTarget, 'mpc_manipulator/move_target')
+    assert rig.watch(client.server_is_ready, 40)
+
+    def ask(goal, axes=X, target='target_1', **times):
+        told = []
+        sent = client.send_goal_async(
+            MoveTarget.Goal(target=target, relative=True, axes=axes, **times,
+                            goal=Point(x=goal[0], y=goal[1], z=goal[2])),
+            feedback_callback=lambda msg: told.append(msg.feedback))
+        assert rig.watch(sent.done, 30) and sent.result().accepted
+        return sent.result(), sent.result().get_result_async(), told
+    yield ask
+    client.destroy()
+
+
+def test_a_move_tells_how_far_it_is_and_succeeds_when_the_target_rests_there(rig, moves):
+    _, future, told = moves((-2e-3, 0.0, 0.0), settle_s=0.3)
+    assert rig.watch(lambda: len(told) > 3)
+    assert told[-1].error.x == pytest.approx(-2e-3, abs=0.3e-3) and not told[-1].reached
+    assert not future.done()
+    start = rig.position.copy()
+    rig.position = start - np.array([2e-3, 0.0, 0.0])
+    try:
+        assert rig.watch(future.done, 30)
+    finally:
+        rig.position = start
+    status, result = future.result().status, future.result().result
+    assert status == GoalStatus.STATUS_SUCCEEDED and result.reached
+    assert abs(result.error.x) < 0.2e-3
+    assert result.reference.x == pytest.approx(start[0] - 2e-3, abs=1e-5)
+
+
+def test_a_move_is_preempted_by_an_action_and_by_the_service(rig, moves):
+    _, first, _ = moves((-2e-3, 0.0, 0.0))
+    _, second, _ = moves((0.0, -2e-3, 0.0), [False, True, False])
+    assert rig.watch(first.done)
+    assert rig.set_goal('target_1', (-1e-3, 0.0, 0.0), X).accepted
+    assert rig.watch(second.done)
+    for future in (first, second):
+        assert future.result().status == GoalStatus.STATUS_ABORTED
+        assert future.result().result.message == 'another goal was set'
+    assert rig.watch(lambda: rig.states[-1].active)     # by the service's goal
+
+
+def test_a_move_that_is_cancelled_leaves_the_pads_where_they_are(rig, moves):
+    handle, future, told = moves((-2e-3, 0.0, 0.0))
+    assert rig.watch(lambda: told)
+    cancelled = handle.cancel_goal_async()
+    assert rig.watch(cancelled.done) and len(cancelled.result().goals_canceling) == 1
+    assert rig.watch(future.done)
+    assert future.result().status == GoalStatus.STATUS_CANCELED
+    rig.watch(lambda: False, 0.3)
+    count = len(rig.commands)
+    rig.watch(lambda: False, 0.5)
+    assert len(rig.commands) == count and not rig.states[-1].active
+
+
+@pytest.mark.parametrize(('ask', 'said'), [
+    ({'target': 'target_9'}, 'target_9'), ({'settle_s': -1.0}, 'settle_s'),
+    ({'timeout_s': float('nan')}, 'timeout_s')])
+def test_a_move_that_cannot_be_says_why_in_its_result(moves, rig, ask, said):
+    _, future, _ = moves((-2e-3, 0.0, 0.0), **ask)
+    assert rig.watch(future.done)
+    answer = future.result()
+    assert answer.status == GoalStatus.STATUS_ABORTED and not answer.result.reached
+    assert answer.result.outcome == 'REJECTED' and said in answer.result.message
+
+
+def test_a_move_ends_with_the_word_of_the_supervisor_or_with_its_time(rig, moves):
+    _, future, told = moves((-2e-3, 0.0, 0.0), timeout_s=0.5)
+    assert rig.watch(future.done)
+    assert 'not reached within 0.5 s' in future.result().result.message
+    _, future, told = moves((-2e-3, 0.0, 0.0))
+    assert rig.watch(lambda: told)
+    rig.permission = SafetyState.HOLD
+    assert rig.watch(future.done)
+    assert future.result().status == GoalStatus.STATUS_ABORTED
+    assert 'says the rig' in future.result().result.message
