@@ -207,6 +207,22 @@ def _estimators(results):
     return '\n'.join(lines)
 
 
+def _feedback(results):
+    rows = _load(results, 'estimate-feedback')['rows']
+    lines = ['| feedback | mean error left [mm] | largest [mm] | tasks within 0.5 mm | '
+             'error of the estimate [mm] | its claimed sd per axis [mm] | '
+             'in 95 % ellipsoid [% of the time] |', '|---|---|---|---|---|---|---|']
+    for name in dict.fromkeys(r['feedback'] for r in rows):
+        own = [r for r in rows if r['feedback'] == name]
+        left = np.array([r['error_mm'] for r in own])
+        estimate = [f'{_mean(own, key):.{digits}f}' for key, digits in
+                    (('estimate_error_mm', 2), ('claimed_sd_mm', 2), ('coverage_percent', 0))
+                    ] if own[0]['coverage_percent'] is not None else ['-'] * 3
+        lines.append(f'| `{name}` | {left.mean():.3f} | {left.max():.2f} | '
+                     f'{(left < 0.5).sum()} of {len(left)} | ' + ' | '.join(estimate) + ' |')
+    return '\n'.join(lines)
+
+
 def _procedures(results):
     body = _load(results, 'chapter-6')
     rows = body['rows']
@@ -240,7 +256,8 @@ BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _s
             'trials': blind_trials.markdown, 'scores': blind_trials.scores,
             'baselines': blind_trials.baselines, 'rate': blind_trials.rate,
             'hides': blind_trials.hidden, 'alike': blind_trials.alike,
-            'headline': _headline, 'estimators': _estimators, 'procedures': _procedures,
+            'headline': _headline, 'estimators': _estimators, 'feedback': _feedback,
+            'procedures': _procedures,
             'messages': reference_tables.messages}
 
 
