@@ -29,7 +29,7 @@ def played(prepared, pads):
         width, sd = one.causes.get(PLAY, (0.0, 1.0))
         if width > 0.0 and sigma(width, sd, _slack(prepared)[PLAY]) > threshold(len(pads)):
             i = names.index(one.pad)
-            q[:, i] = play(q[:, i], width)
+            q[:, i] = play(q[:, i], width, one.start[0])
     return t, q
 
 
@@ -71,12 +71,14 @@ def _actuator(prepared, one, cause, value, sd, z, more=()):
     shown = {GAIN: f'{100.0 * value:.1f} % of its travel', PLAY: f'{1e3 * value:.2f} mm of play',
              COMPLIANCE: f'{1e3 * value:.3f} mm of yield per newton'}[cause]
     rivals = tuple(TERMS[c][0] for c in one.rivals.get(cause, ()) if c in TERMS) + tuple(more)
+    start, error = one.start if cause == PLAY else (0.0, 0.0)
     return Finding(ENCODER, one.pad, term, parameter, value, unit, sd, z,
                    *map(float, prepared.evidence.span),
                    f'The marker on {one.pad} departs from the encoder by {shown}.', rivals,
                    parameters={
-                       parameter: value, 'actuators': (prepared.evidence.pads.index(one.pad),)},
-                   slack=_slack(prepared)[cause])
+                       parameter: value, 'actuators': (prepared.evidence.pads.index(one.pad),),
+                       **({'start': start} if error else {})},
+                   slack=_slack(prepared)[cause], errors={'start': error} if error else {})
 
 
 def _gain_findings(prepared, gains, pads, limit):

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from arm_brachy.diagnosis.results.finding import Finding, alike, sigma, threshold
+from arm_brachy.diagnosis.results.finding import Finding, alike, sigma, threshold, weighted_mean
 from arm_brachy.diagnosis.signals.clock_alignment import FINE
 from arm_brachy.diagnosis.signals.delay import Lateness, lateness
-from arm_brachy.diagnosis.signals.stream import EM, FORCE, OPTICAL, TISSUE
+from arm_brachy.diagnosis.signals.stream import EM, ENCODER, FORCE, OPTICAL, TISSUE
+from arm_brachy.diagnosis.statistics.subset_selection import INDISTINCT
 
 LIMIT = threshold(3)    # standard deviations from which one of three clocks is at fault
 
@@ -41,7 +42,7 @@ def _believed(one, slack):
 
 
 def clock_findings(prepared, clocks):
-    """One finding per stream that is late; if all of them are alike, the encoders may be early.
+    """One finding per stream that is late; one for all of them together where they are alike.
 
     What was far off is set back already (`loading.Evidence.late`) and counts here as well.
     """
@@ -50,19 +51,51 @@ def clock_findings(prepared, clocks):
     clocks = {kind: replace(one, value=one.value + back.get(kind, 0.0))
               for kind, one in clocks.items()}
     odd = {k: c for k, c in clocks.items() if sigma(c.value, c.sd, slack) > LIMIT}
-    common = bool(odd) and len(odd) == len(clocks) and alike(
-        [(one.value, one.sd) for one in odd.values()], slack)
-    out = []
-    for kind, one in odd.items():
-        rivals = ('actuator_lag',) if common else ()
-        if kind == FORCE:
-            rivals += ('viscoelasticity',)
-        stream = prepared.evidence.get(kind)
-        late = 'late' if one.value > 0.0 else 'early'
-        out.append(Finding(
-            kind, '', 'clock_offset', 'delay', one.value, 's', one.sd,
-            sigma(one.value, one.sd, slack), float(stream.t[0]), float(stream.t[-1]),
-            f'The stamps of {kind} are {abs(one.value) * 1e3:.1f} ms {late} against the '
-            'encoders' + (', as are those of every other stream.' if common else '.'), rivals,
-            parameters={'stream': kind, 'delay': one.value}, slack=slack))
-    return tuple(out)
+    shared, sole = _shared(clocks, odd, slack)
+    if sole and shared[0] > 0.0:
+        return (_pads_late(prepared, shared, slack),)
+    return tuple(_late(prepared, kind, one, shared, slack) for kind, one in odd.items())
+
+
+def _shared(clocks, odd, slack):
+    """((value, sd) [s] by which all streams may be late, None = they are not; is it no other?).
+
+    clocks : kind -> Lateness of all streams;  odd : of those at fault
+    One number for all is simpler than one each. Of a single stream at fault, the others have to
+    be late too: by chi^2 of theirs, where that is as well as where it is not.
+    """
+    every = [(one.value, one.sd) for one in clocks.values()]
+    if not odd or len(every) < 2 or not alike(every, slack):
+        return None, False
+    mean, sd = weighted_mean(every, slack)
+    apart = sum(sigma(v - mean, e, slack)**2 for v, e in every)
+    alone = sum(sigma(c.value, c.sd, slack)**2 for k, c in clocks.items() if k not in odd)
+    if len(odd) == 1 and apart - alone > INDISTINCT:
+        return None, False
+    return (mean, sd), len(odd) > 1 or alone - apart > INDISTINCT
+
+
+def _pads_late(prepared, shared, slack):
+    """The finding that every stream is late alike, by `shared` (value, sd) [s]."""
+    value, sd = shared
+    return Finding(
+        ENCODER, '', 'actuator_lag', 'time_constant', value, 's', sd, sigma(value, sd, slack),
+        *map(float, prepared.evidence.span),
+        f'All other streams are {1e3 * value:.1f} ms late against the encoders: the pads lag '
+        'behind their encoders, or the stamps of the encoders are early.', ('clock_offset',),
+        parameters={'time_constant': value}, slack=slack)
+
+
+def _late(prepared, kind, one, shared, slack):
+    """The finding that one stream is late; shared : (value, sd) [s] that all may have, or None."""
+    rivals = ('actuator_lag',) if shared is not None and one.value > 0.0 else ()
+    if kind == FORCE:
+        rivals += ('viscoelasticity',)
+    stream = prepared.evidence.get(kind)
+    late = 'late' if one.value > 0.0 else 'early'
+    return Finding(
+        kind, '', 'clock_offset', 'delay', one.value, 's', one.sd,
+        sigma(one.value, one.sd, slack), float(stream.t[0]), float(stream.t[-1]),
+        f'The stamps of {kind} are {abs(one.value) * 1e3:.1f} ms {late} against the '
+        'encoders' + (', as may be those of every other stream.' if shared else '.'), rivals,
+        parameters={'stream': kind, 'delay': one.value}, slack=slack)

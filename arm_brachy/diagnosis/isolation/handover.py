@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from arm_brachy.diagnosis.isolation.events import TOGETHER
 from arm_brachy.diagnosis.results.finding import ALIKE, sigma
 from arm_brachy.registry import by_name
 
@@ -127,7 +128,22 @@ def occasions_of(recorded):
         frequencies += rhythms
         owners |= {('frequency', rhythm): (number,) for rhythm in rhythms}
     onsets = sorted(value for what, value in owners if what == 'onset')
-    return Occasions(tuple(onsets), tuple(sorted(windows)), tuple(frequencies), max(ends), owners)
+    explained = tuple(pair for one in recorded for pair in _explained(one))
+    return Occasions(tuple(onsets), tuple(sorted(windows)), tuple(frequencies), max(ends), owners,
+                     explained)
+
+
+def _explained(recorded):
+    """[(marker, (low, high) [s])] of a pad that lost steps: no marker on it slipped as well then.
+
+    Only where tissue or forces told that the pad itself moved; else either is left to the model.
+    """
+    scene = recorded.prepared.evidence.scene
+    return [(marker.name, (finding.onset[0] - TOGETHER, finding.onset[1] + TOGETHER))
+            for finding in recorded.structure.findings
+            if finding.term == 'lost_steps' and finding.sure and not finding.rivals
+            for marker in scene.markers
+            if marker.body in {scene.pads[i].name for i in finding.parameters['actuators']}]
 
 
 @dataclass(frozen=True)
@@ -138,6 +154,7 @@ class Occasions:
     frequencies : [Hz] of rhythms in the residual
     end : [s] of the last recording to end; 0 = not known
     owners : ('onset', [s]) or ('frequency', [Hz]) -> numbers of the recordings that show it
+    explained : (marker, (from, to) [s]) of steps of a marker that findings explain
     """
 
     onsets: tuple = ()
@@ -145,3 +162,9 @@ class Occasions:
     frequencies: tuple = ()
     end: float = 0.0
     owners: dict = field(default_factory=dict)
+    explained: tuple = ()
+
+    def is_news(self, place):
+        """False if a place, field -> value, is the step of a marker that a finding explains."""
+        return not any(place.get('marker') == marker and low <= place.get('onset', -np.inf) <= high
+                       for marker, (low, high) in self.explained)

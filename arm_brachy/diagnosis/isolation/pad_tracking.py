@@ -9,7 +9,7 @@ stamps -D du/dt, lost steps or a slipped marker a step. What follows the place b
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from arm_brachy.diagnosis.isolation.positioning_error import Course, course_of
 from arm_brachy.diagnosis.signals.regressors import drift_columns, play, slope
@@ -21,8 +21,12 @@ from arm_brachy.diagnosis.statistics.noise_process import residual_colour
 from arm_brachy.diagnosis.statistics.subset_selection import choose
 
 GAIN, COMPLIANCE, PLAY, DELAY, OFFSET = 'gain', 'compliance', 'play', 'delay', 'offset'
+START = 'start'          # of the play
 POSITIVE = (COMPLIANCE, PLAY)   # nothing pushes back harder than it is pushed
 WIDEST_PLAY = 0.5        # of the pad's travel
+CLOSE = 1e-3             # of the play's width and start, when their search stops
+NUDGE = 0.05             # of the play, over which its slope by the start is taken
+STARTS = np.linspace(0.0, 1.0, 5)   # shares of its play that a pad may begin with
 REACH = 0.01             # s, over which the encoder's slope is taken
 FEWEST = 50              # samples of a marker or force
 ALONG_Z = 0.999          # cosine
@@ -45,6 +49,8 @@ class PadTravel:
     tilt, tilt_sd : (2,) slope of the motion across over that along the push
     frame : (3, 3) push direction, up and side, rows, world frame, see `push_frame`
     course : Course that was taken out, None where the pad goes as evenly as can be told
+    start : (value, sd) share of its play that is taken up at the beginning; (0, 0) = as after a
+        retraction, which the data do not gainsay
     """
 
     pad: str
@@ -60,6 +66,7 @@ class PadTravel:
     tilt_sd: np.ndarray
     frame: np.ndarray
     course: Course | None = None
+    start: tuple = (0.0, 0.0)
 
 
 def pad_travels(evidence, noise, touch, *, alarm, even=2e-5):
@@ -110,7 +117,7 @@ def _one(evidence, noise, pad, k, travel, limits):
                      _with_delay(choice.estimates, everything, one.delay),
                      _with_delay(everything, everything, one.delay), choice.rivals, one.steps,
                      _gain(t, one, choice, valid), _stiffness(travel, force), tilt, tilt_sd, frame,
-                     course)
+                     course, _start(t, one, choice, valid))
 
 
 def _as_white(evidence, pad):
@@ -126,6 +133,17 @@ def _gain(t, one, choice, valid):
     beside = {name: one.causes[name] for name in choice.estimates if name != COMPLIANCE}
     return regress(t, one.y[:, :1], one.fixed | beside | {GAIN: one.causes[GAIN]}, valid,
                    one.colour, one.sd[:1]).of(GAIN)
+
+
+def _start(t, one, choice, valid):
+    """(value, sd) of where in its play the pad begins, beside what a Choice has."""
+    if PLAY not in choice.estimates or one.play.start == 0.0:
+        return 0.0, 0.0
+    chosen = {name: one.causes[name] for name in choice.estimates}
+    column = choice.estimates[PLAY][0] * one.play.by_start
+    found = regress(t, one.y[:, :1], one.fixed | chosen | {START: column}, valid, one.colour,
+                    one.sd[:1])
+    return one.play.start, found.of(START)[1]
 
 
 def _stiffness(travel, force):
@@ -153,7 +171,7 @@ class _Explained:
     """y : (n, 3) motion less the encoder's;  fixed, causes : name -> column (n,);  full : Fit
 
     colour, sd : of what is left;  steps : change_points.Step each
-    delay : [s] by which the encoder is shifted
+    delay : [s] by which the encoder is shifted;  play : _Play
     """
 
     y: np.ndarray
@@ -164,6 +182,19 @@ class _Explained:
     sd: np.ndarray
     steps: tuple
     delay: float
+    play: object
+
+
+@dataclass(frozen=True)
+class _Play:
+    """Play that fits best. column : (n,) per unit width;  start : share of it taken up at first
+
+    by_start : (n,) derivative of the column by start
+    """
+
+    column: np.ndarray
+    start: float
+    by_start: np.ndarray
 
 
 def _explained(t, moved, valid, travel, force, known, alarm):
@@ -178,7 +209,8 @@ def _explained(t, moved, valid, travel, force, known, alarm):
         fixed = {OFFSET: np.ones_like(t)} | drift_columns(t) | {
             f'step {j}': (t >= jump.t).astype(float) for j, jump in enumerate(jumps)}
         causes = _causes(then, travel, force)
-        causes |= _play_column(then, y[:, 0], fixed | causes, valid, travel)
+        lost = _play(t, then, y[:, :1], (fixed, causes), valid, travel, (colour, sd[:1]))
+        causes |= {PLAY: lost.column}
         full = regress(t, y, fixed | causes, valid, colour, sd)
         colour, sd = residual_colour(t, full.residual, valid, *known)
         slow = np.stack(list((drift_columns(t) | causes).values()), axis=1)
@@ -187,7 +219,7 @@ def _explained(t, moved, valid, travel, force, known, alarm):
         late, error = (float(x[0]) for x in full.of(DELAY))
         if again and abs(late) > LATE * error:
             delay += late
-    return _Explained(y, fixed, causes, full, colour, sd, jumps, delay)
+    return _Explained(y, fixed, causes, full, colour, sd, jumps, delay, lost)
 
 
 def _with_delay(estimates, everything, delay):
@@ -226,23 +258,49 @@ def _causes(then, travel, force):
     return columns
 
 
-def _play_column(then, y, columns, valid, travel):
-    """Play per unit width at the width that fits best by ordinary least squares."""
+def _play(t, then, y, columns, valid, travel, noise):
+    """The _Play that fits y (n, 1) best beside columns, (fixed, causes).
+
+    What recorded nothing before may begin anywhere in its gap. That is one number more, which has
+    to bring as much as the Bayesian information criterion asks for (`subset_selection.choose`).
+    """
+    columns = columns[0] | columns[1]
     X = np.stack(list(columns.values()), axis=1)[valid]
     Q = np.linalg.qr(X / np.maximum(np.abs(X).max(axis=0), 1e-300))[0]
-    left = y[valid] - Q @ (Q.T @ y[valid])
+    left = y[valid, 0] - Q @ (Q.T @ y[valid, 0])
     widest = WIDEST_PLAY * float(np.ptp(travel[1]))
 
-    def column(width):
-        return np.interp(then, travel[0], play(travel[1], width) - travel[1]) / width
+    def column(width, start):
+        return np.interp(then, travel[0], play(travel[1], width, start) - travel[1]) / width
 
-    def misfit(log_width):
+    def misfit(log_width, start):
         width = np.exp(log_width)
-        c = column(width)[valid]
+        c = column(width, start)[valid]
         c = c - Q @ (Q.T @ c)
         return float(np.sum((left - width * c) ** 2))
 
+    def chi2(width, start):
+        return float(regress(t, y, columns | {PLAY: column(width, start)}, valid, *noise).chi2[0])
+
+    homed, inside = _fitted_play(misfit, widest, (0.0,)), _fitted_play(misfit, widest, STARTS)
+    fall = chi2(*homed) - chi2(*inside) if inside[1] > 0.0 else 0.0
+    width, start = inside if fall > np.log(valid.sum()) else homed
+    low, high = max(start - NUDGE, 0.0), min(start + NUDGE, 1.0)
+    return _Play(column(width, start), start,
+                 (column(width, high) - column(width, low)) / (high - low))
+
+
+def _fitted_play(misfit, widest, starts):
+    """(width, start) of least `misfit`, from a grid of widths up to `widest` and of starts."""
     grid = np.log(np.geomspace(1e-3 * widest, widest, 13))
-    best = int(np.argmin([misfit(g) for g in grid]))
+    tried = [[misfit(g, start) for start in starts] for g in grid]
+    best, first = np.unravel_index(np.argmin(tried), np.shape(tried))
     bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    return {PLAY: column(np.exp(minimize_scalar(misfit, bounds=bounds, method='bounded').x))}
+    if len(starts) == 1:
+        found = minimize_scalar(misfit, bounds=bounds, args=(starts[0],), method='bounded')
+        return float(np.exp(found.x)), starts[0]
+    ends = starts[max(first - 1, 0)], starts[min(first + 1, len(starts) - 1)]
+    log_width, start = minimize(
+        lambda x: misfit(*x), (grid[best], starts[first]), method='Nelder-Mead',
+        bounds=(bounds, ends), options={'xatol': CLOSE, 'fatol': np.inf}).x
+    return float(np.exp(log_width)), float(start)

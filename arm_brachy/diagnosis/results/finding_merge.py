@@ -32,11 +32,21 @@ def merge(found, pads, moved):
 
 
 def _alike(group):
-    values = np.array([np.atleast_1d(f.value) for f in group])
-    errors = np.array([np.broadcast_to(f.sd, np.shape(np.atleast_1d(f.value))) for f in group])
+    """True if the Findings have one value, and one of whatever was estimated with it."""
+    beside = [set(f.errors) for f in group]
+    return (all(names == beside[0] for names in beside)
+            and _agree([f.value for f in group], [f.sd for f in group])
+            and all(_agree([f.parameters[name] for f in group], [f.errors[name] for f in group])
+                    for name in beside[0]))
+
+
+def _agree(values, errors):
+    values = np.array([np.atleast_1d(v) for v in values])
+    errors = np.array([np.broadcast_to(e, np.shape(v)) for e, v in
+                       zip(errors, values, strict=True)])
     mean = values.mean(axis=0)
     off = np.abs(values - mean)
-    slack = ALIKE * np.linalg.norm(mean) + threshold(len(group)) * errors
+    slack = ALIKE * np.linalg.norm(mean) + threshold(len(values)) * errors
     return bool(np.all(off <= slack))
 
 

@@ -40,16 +40,19 @@ def candidates(cls, specimen, occasions=None):
 
     occasions : Occasions, None = nothing is known: what begins has then begun before the recording
     Places in the tissue are the middles of regions of equal volume, those on the surface of
-    regions of equal area. A term whose event no occasion supports has no hypothesis.
+    regions of equal area. A term whose event no occasion supports has no hypothesis, nor has the
+    step of a marker that a finding explains.
     """
     occasions = occasions or Occasions()
     names = {f.name for f in dataclasses.fields(cls)}
     choices = [one for one in _CHOICES if one.applies(cls, names)]
     places = [one.options(cls, specimen, occasions) for one in choices]
     sizes = SIZES.get(cls.spec.name, (1.0,))
-    return tuple(Hypothesis(cls, {k: v for part in combination for k, v in part.items()},
-                            _free(cls, combination), size=size)
-                 for combination in product(*places) for size in sizes)
+    combined = (({k: v for part in combination for k, v in part.items()}, combination)
+                for combination in product(*places))
+    return tuple(Hypothesis(cls, place, _free(cls, combination), size=size)
+                 for place, combination in combined if occasions.is_news(place)
+                 for size in sizes)
 
 
 def _free(cls, combination):

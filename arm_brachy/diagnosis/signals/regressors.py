@@ -66,20 +66,21 @@ def memories(t, tt, u, time):
     return out
 
 
-def play(q, width):
-    """What lost motion `width` [m] makes of q (n,) [m]: y = min(max(y-, q - width), q).
+def play(q, width, start=0.0):
+    """What lost motion `width` [m] makes of q (n,) [m]: y = min(max(y-, q - (1 - a) w), q + a w).
 
-    Starts after a retraction, y = q. The play operator: Visintin 1994, Differential Models of
-    Hysteresis.
+    start : a, share of the width that is taken up where q begins, y = q: 0 after a retraction, 1
+        after a push. The play operator: Visintin 1994, Differential Models of Hysteresis.
     """
-    return _play(np.ascontiguousarray(q, dtype=float), float(width))
+    width = float(width)
+    return _play(np.ascontiguousarray(q, dtype=float), (1.0 - start) * width, start * width)
 
 
 @njit(cache=True)
-def _play(q, width):
+def _play(q, behind, ahead):
     out, y = np.empty_like(q), q[0]
     for i in range(len(q)):
-        y = min(max(y, q[i] - width), q[i])
+        y = min(max(y, q[i] - behind), q[i] + ahead)
         out[i] = y
     return out
 

@@ -1,12 +1,15 @@
 """How late a stream is against the encoders: planted delays, and what must not look like one."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from arm_brachy.core.term import ActuationTerm, Stage, TermSpec
+from arm_brachy.devices.terms.actuator_lag import ActuatorLag, first_order
 from arm_brachy.diagnosis.isolation import clocks as clock_findings
 from arm_brachy.diagnosis.signals.delay import Following, Lateness, lateness
 from arm_brachy.diagnosis.signals.loading import evidence_of
@@ -86,14 +89,22 @@ def moved(run, shift):
 @pytest.mark.parametrize('shift', [
     1.0, -0.3, *(pytest.param(shift, marks=pytest.mark.validate) for shift in (-1.0, 0.4))])
 def test_clocks_farther_off_than_a_push_are_nothing_else(recorded, look, shift):
-    """By one clock pads stand, by the other they move: neither noise nor gains are seen so."""
+    """By one clock pads stand, by the other they move: neither noise nor gains are seen so.
+
+    All late alike is one cause; pads do not lead their encoders, so that early ones are clocks.
+    """
     prepared, structure = look(moved(recorded(), shift))
-    assert {f.term for f in structure.findings} == {'clock_offset'}
-    assert {f.stream for f in structure.findings} == {OPTICAL, EM, FORCE}
+    if shift > 0.0:
+        found, = structure.findings
+        assert (found.term, found.rivals) == ('actuator_lag', ('clock_offset',))
+    else:
+        assert {f.term for f in structure.findings} == {'clock_offset'}
+        assert {f.stream for f in structure.findings} == {OPTICAL, EM, FORCE}
     for found in structure.findings:
         assert found.value == pytest.approx(shift, abs=3e-3)
-        assert prepared.evidence.late[found.stream] == pytest.approx(shift, abs=0.02)
-        assert abs(structure.late(found.stream)) < 0.02     # what is left to be put right
+    for kind in (OPTICAL, EM, FORCE):
+        assert prepared.evidence.late[kind] == pytest.approx(shift, abs=0.02)
+        assert abs(structure.late(kind)) < 0.02     # what is left to be put right
 
 
 def test_no_clock_is_set_back_for_less_than_a_push(recorded, look):
@@ -181,3 +192,44 @@ def test_a_clock_that_is_not_known_is_taken_for_right(prepared, monkeypatch, sd,
     assert clocks[EM].value == pytest.approx(-0.065 * kept)
     found = clock_findings.clock_findings(prepared, clocks)
     assert {one.stream for one in found} == (set(clocks) if kept == 1.0 else set())
+
+
+CLOCKS = {OPTICAL: (10.8, 0.2), FORCE: (9.7, 1.0)}     # ms
+
+
+@pytest.mark.parametrize('clocks, terms, rivals', [
+    (CLOCKS, {'actuator_lag'}, {'clock_offset'}),
+    (CLOCKS | {EM: (2.0, 9.0)}, {'actuator_lag'}, {'clock_offset'}),
+    (CLOCKS | {FORCE: (9.7, 4.0)}, {'clock_offset'}, {'actuator_lag'}),
+    (CLOCKS | {FORCE: (0.3, 1.0)}, {'clock_offset'}, set()),
+    ({OPTICAL: (10.8, 0.2)}, {'clock_offset'}, set()),
+    ({OPTICAL: (-10.8, 0.2), FORCE: (-9.7, 1.0)}, {'clock_offset'}, {'viscoelasticity'})])
+def test_what_all_streams_share_is_one_cause(prepared, clocks, terms, rivals):
+    """All late by as much: pads lag; one late, others right: its clock; not told: either."""
+    late = {kind: Lateness(1e-3 * value, 1e-3 * sd, ()) for kind, (value, sd) in clocks.items()}
+    found = clock_findings.clock_findings(prepared, late)
+    assert {one.term for one in found} == terms
+    assert {rival for one in found for rival in one.rivals} == rivals
+    assert len(found) == 1 or found[0].value < 0.0
+
+
+@dataclass(frozen=True)
+class PadLag(ActuationTerm):
+    """Pads that follow their encoders by a first-order lag, of which no term of the cell says."""
+
+    time_constant: float
+    spec: ClassVar[TermSpec] = replace(ActuatorLag.spec, stage=Stage.TRANSMISSION)
+
+    def memory(self, q0):
+        return np.array(q0), np.array(q0)
+
+    def step(self, memory, u, effort, t, dt):
+        y = first_order(*memory, u, dt, self.time_constant)
+        return y, (y.copy(), np.array(u))
+
+
+def test_pads_that_lag_their_encoders_are_one_cause(laboratory, short_pushes, look):
+    """Of 13 ms: it was told as the clocks of all other streams."""
+    found, = look(laboratory((PadLag(0.013),), 2).record(short_pushes()))[1].findings
+    assert found.term == 'actuator_lag' and found.rivals == ('clock_offset',)
+    assert found.value == pytest.approx(0.013, abs=2e-3)

@@ -126,3 +126,25 @@ def test_play_of_a_triangle():
     y = play(q, 1.0)
     assert y[10] == 0.0 and y[30] == pytest.approx(2.0) and y[40] == pytest.approx(2.0)
     assert y[-1] == 0.0
+
+
+def test_play_from_inside_its_gap_closes_on_either_side():
+    """In by 3, out by 3, play of 1 from a quarter of it: the first way in lacks three quarters."""
+    q = np.concatenate([np.linspace(0, 3, 31), np.linspace(3, 0, 31)[1:]])
+    y = play(q, 1.0, 0.25)
+    assert y[0] == 0.0 and y[30] == pytest.approx(2.25) and y[-1] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize('start', [0.5, 1.0])
+def test_where_play_begins_is_a_state_of_it(laboratory, short_pushes, look, start):
+    """It was told as lost steps of half the width, or of all of it, besides."""
+    entry = {'name': 'backlash', 'width_mm': 0.32, 'actuators': [1], 'start': start}
+    lab = laboratory(parse_terms([entry], 'test'), 2)
+    found, = look(lab.record(short_pushes()))[1].findings
+    assert found.term == 'backlash' and found.value == pytest.approx(3.2e-4, rel=0.05)
+    assert found.parameters['start'] == pytest.approx(start, abs=0.1)
+    assert abs(found.parameters['start'] - start) < 4.0 * found.errors['start']
+
+
+def test_play_that_begins_after_a_retraction_has_no_start(planted):
+    assert all(one.start == (0.0, 0.0) for cause in (PLAY, None) for one in planted(cause))
