@@ -154,7 +154,7 @@ def test_an_option_of_its_own_is_no_name(answers):
 
 @pytest.mark.parametrize('make, complaint', [
     (lambda: Cause('backlsh'), "did you mean 'backlash'"),
-    (lambda: Cause('backlash', {'depth': Estimate(1.0, 1.0, 1.0)}), 'must be of width'),
+    (lambda: Cause('backlash', {'depth': Estimate(1.0, 1.0, 1.0)}), 'must be of start, width'),
     (lambda: Cause('backlash', applies_to={'pads': ('pad_1',)}), 'must be of actuators'),
     (lambda: Cause('backlash', probability=1.2), 'must be 0 to 1'),
     (lambda: Estimate(3.0, 1.0, 2.0), 'outside its interval'),

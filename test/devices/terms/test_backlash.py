@@ -76,3 +76,10 @@ def test_memory_is_not_shared():
     y[:] = 1.0
     assert after[0] == pytest.approx(0.01 - WIDTH)
     assert memory[0] == 0.0
+
+
+@pytest.mark.parametrize('start', [0.0, 0.3, 1.0])
+def test_a_bank_that_begins_inside_its_gap_goes_past_its_place_on_the_way_back(start):
+    y = _follow(Backlash(width=WIDTH, start=start), _there_and_back(0.01, 101))
+    np.testing.assert_allclose(y[[0, 100, 200]],
+                               [0.0, 0.01 - (1.0 - start) * WIDTH, start * WIDTH], atol=1e-15)

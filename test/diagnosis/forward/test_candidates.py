@@ -134,3 +134,13 @@ def test_places_cover_the_body_and_its_surface(linear):
     outer = mesh.nodes[boundary_faces(mesh)].mean(axis=1)
     assert np.linalg.norm(outer[:, None] - free, axis=2).min(axis=0).max() < 1e-12
     assert np.array_equal(inner, interior_places(mesh, 60))
+
+
+def test_a_step_that_a_finding_explains_is_no_slip_as_well(linear):
+    """Of that marker at that time; others may slip then, and it later."""
+    slip, marker = by_name('marker_slip'), linear.markers[0]
+    found = candidates(slip, linear, replace(KNOWN, onsets=(12.0, 30.0),
+                                             explained=((marker, (11.9, 12.1)),)))
+    tried = {(one.place['marker'], one.place['onset']) for one in found}
+    assert tried == {(name, t) for name in linear.markers
+                     for t in (12.0, 30.0)} - {(marker, 12.0)}

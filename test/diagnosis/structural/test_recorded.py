@@ -190,3 +190,17 @@ def test_when_is_where_the_effect_is_large(sound):
     assert one.t_start == pytest.approx(t[inside][0], abs=0.5)
     assert one.t_end == pytest.approx(t[inside][-1], abs=0.5)
     assert intervals(Half(sound), np.zeros(len(t))) == ()
+
+
+@pytest.mark.parametrize('entry, explained', [
+    ({'name': 'lost_steps', 'shortfall_mm': 0.88, 'onset_s': 9.0, 'actuators': [1]}, {'pad_1'}),
+    (SLIP, set())])
+def test_a_pad_that_lost_steps_explains_the_step_of_its_marker(looked, entry, explained):
+    """One event was told twice: as lost steps, and by the model as a slip of that marker."""
+    occasions = occasions_of((looked(entry),))
+    assert {marker for marker, _ in occasions.explained} == explained
+    for marker, (low, high) in occasions.explained:
+        onset, = occasions.onsets
+        assert low < onset < high
+        assert not occasions.is_news({'marker': marker, 'onset': onset})
+        assert occasions.is_news({'marker': 'tissue_5', 'onset': onset})
