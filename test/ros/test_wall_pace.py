@@ -15,7 +15,7 @@ def wall_run(command_runner, short_scenario, tmp_path_factory):
     folder = tmp_path_factory.mktemp('wall')
     text = short_scenario.read_text().replace('../../config',
                                               str(short_scenario.parents[2] / 'config'))
-    # In real time a tick that comes late is lost to the controller: twice the time to settle.
+    # Within 5 s one run of four left 0.54 of the 0.3 mm allowed, beside other work; cause unknown.
     text = text.replace('duration_s: 5', 'duration_s: 10')
     scenario = folder / 'wall.yaml'
     scenario.write_text(text + 'pace: wall\nlimits: {silence_s: 10}\n')
