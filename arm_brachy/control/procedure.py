@@ -8,7 +8,8 @@
     APPROACHING  probe onto the skin over the tip
     MEETING      needle on to where the image plane waits, if the probe cannot reach back to it
     INSERTING    needle to its depth, which follows the target: as estimated, and as seen once the
-                 images show it; it waits for the probe where it must; the person who sees the
+                 images show it; it waits while the probe has lost skin or tip, the images do not
+                 show the tip, or nothing says where the target is; the person who sees the
                  overlay turns it back onto its path; the pads may take the target onto where
                  the tip will be, as the images show both (Mallapragada, Sarkar, Podder 2009,
                  IEEE Trans Robot 25:316)
@@ -26,6 +27,7 @@ from enum import Enum
 import numpy as np
 
 from arm_brachy.control.needle_plan import NoPlan, plan
+from arm_brachy.control.needle_sight import probe_fault, target_fault, tip_fault
 from arm_brachy.control.overlay_reader import OverlayReader
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.outcome import Outcome
@@ -123,10 +125,12 @@ class Procedure:
         self._since, self._t = None, 0.0
         self._target, self._at_home = deque(), False
         self._seen, self._goal, self._next_shift = None, None, 0.0
+        self._tip_seen = -np.inf    # s, of the last image in which the tip was found
         self._needle, self._probe = NeedleSeen(0.0), ProbeSeen()
         self._error, self._calm_since = np.inf, None
         self._surfaces, self._scanned = 0, 0
         self._depth, self._waits, self._permission, self._reason = None, None, Permission.HOLD, ''
+        self._stopped = False       # the needle was told to stay, and not to go on since
         self._reader = OverlayReader(params.steering)
         self._held_since, self._ordered, self._pursued = None, False, False
         self._speed_back = None  # m/s that was ordered for the way out
@@ -149,11 +153,14 @@ class Procedure:
 
     def hear_image(self, t, p):
         """Where the tip was found in the image."""
-        self._reader.see(t, p)
+        if np.all(np.isfinite(p)):
+            self._tip_seen = t
+            self._reader.see(t, p)
 
     def hear_target_image(self, t, p):
         """Where the images show the target."""
-        self._seen = t, np.array(p, dtype=float)
+        if np.all(np.isfinite(p)):
+            self._seen = t, np.array(p, dtype=float)
 
     def hear_surface(self):
         """Note that the skin was scanned."""
@@ -273,33 +280,35 @@ class Procedure:
     def _meeting(self):
         if not self._probe_well():
             return None
-        if self._must_wait():
-            return self._wait()
+        fault = probe_fault(self._probe, self.params.lost)
+        if fault is not None:
+            return self._wait(*fault)
+        self._waits = None
         behind = -self._probe.out_of_plane
         if self._lasts_calm(abs(behind) <= _MET):
             self._enter(Phase.INSERTING)
         elif behind > _MET and self._elapsed > self.params.calm:    # the probe had time to turn
             depth = min(self._needle.depth + behind, self.plan.depth)
-            if self._waits is not None or abs(depth - self._depth) > _STEP:
-                self._waits = None
+            if self._stopped or abs(depth - self._depth) > _STEP:
                 return [self._drive(depth, self.params.speed)]
         return None
 
     def _inserting(self):
         if self._elapsed > _FRESH and not self._probe_well():
             return None
+        fault = self._fault()
+        if fault is not None:
+            return self._wait(*fault)
+        self._waits = None
         depth = self._depth_wanted()
-        if self._must_wait():
-            return self._wait()
         orders = self._steer() + self._shift(depth)
         # Not at once: the tip has to be there for the images to show where the target is.
         if self._lasts_calm(self._there(depth)):
             self._enter(Phase.DWELLING)
             return [*orders, Order(Kind.STAY)]
         near = depth - self._needle.depth < self.params.near
-        if self._waits is not None or abs(depth - self._depth) > _STEP or (
-                near and not self._near):
-            self._waits, self._near = None, near
+        if self._stopped or abs(depth - self._depth) > _STEP or (near and not self._near):
+            self._near = near
             orders.append(self._drive(depth, self.params.near_speed if near
                                       else self.params.speed))
         return orders
@@ -347,7 +356,7 @@ class Procedure:
     # What steps share.
 
     def _drive(self, depth, speed):
-        self._depth = depth
+        self._depth, self._stopped = depth, False
         return Order(Kind.DRIVE, (depth, speed))
 
     def _there(self, depth):
@@ -365,11 +374,9 @@ class Procedure:
         """Depth (m) at which the tip is level with the target, as it is now.
 
         What the images show counts before the estimate, which knows nothing of the loads of probe
-        and needle.
+        and needle. One of them has to be fresh, see `_fault`.
         """
         here = self.target if self._target_seen is None else self._target_seen
-        if here is None:
-            return self.plan.depth if self._depth is None else self._depth
         depth = self._course.depth_at(self.plan.hole, self.plan.roll, here)
         near = self.plan.depth + np.array([-1.0, 1.0]) * self.params.reach
         return float(np.clip(depth, max(0.0, near[0]), min(self._course.length, near[1])))
@@ -388,7 +395,7 @@ class Procedure:
         hear the estimate: its goal is where it is now, and as much further as the images say.
         """
         tip, target = self._reader.tip(self._t), self._target_seen
-        if not self.params.recentre or tip is None or target is None or not self._target:
+        if not self.params.recentre or tip is None or target is None or self.target is None:
             return []
         roll, axis = self.plan.roll, self._course.axis
         rest = self._course.offset(roll, depth) - self._course.offset(roll, self._needle.depth)
@@ -399,20 +406,27 @@ class Procedure:
         self._goal, self._next_shift = self._goal + change, self._t + self.params.calm
         return [Order(Kind.SHIFT, tuple(self._goal))]
 
-    def _must_wait(self):
-        """True while the tip is ahead of the image plane, or the probe has no contact."""
-        ahead = self._probe.out_of_plane
-        return not self._probe.in_contact or (np.isfinite(ahead) and ahead > self.params.lost)
+    def _fault(self):
+        """Why the needle must not go on to the target: (Outcome, text), None if it may.
 
-    def _wait(self):
+        The insertion begins with the tip in the image plane: from then on it must be seen.
+        """
+        return (probe_fault(self._probe, self.params.lost)
+                or tip_fault(self._t - self._tip_seen, self.params.tip_patience)
+                or target_fault(self._target_seen, self.target))
+
+    def _wait(self, outcome, why):
+        """The needle stays; after a while the procedure fails by what it waits for then."""
+        self._calm_since = None
         if self._waits is None:
             self._waits = self._t
-            return [Order(Kind.STAY)]
         if self._t - self._waits > self.params.limits.waiting:
-            what = 'tip' if self._probe.in_contact else 'skin'
-            self._fail(Outcome.STALE_INPUT, f'the probe has lost the {what} for '
-                       f'{self.params.limits.waiting:g} s: scan again or insert more slowly')
-        return None
+            self._fail(outcome, f'the needle has waited {self.params.limits.waiting:g} s: {why}')
+            return None
+        if self._stopped:
+            return None
+        self._stopped = True
+        return [Order(Kind.STAY)]
 
     def _steer(self):
         """What the person who sees the overlay does: orders to turn the needle, often none."""

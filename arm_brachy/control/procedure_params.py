@@ -32,8 +32,9 @@ class StepLimits:
                                  high=600.0, source=_OWN)
     homing: float = quantity(60.0, 's', 'until the pads are home', low=0.1, high=600.0,
                              source=_OWN)
-    waiting: float = quantity(5.0, 's', 'that the needle stands still because the probe has lost '
-                                        'it, or because the cell holds', low=0.1, high=600.0,
+    waiting: float = quantity(5.0, 's', 'that the needle stands still because tip, skin or '
+                                        'target are lost, or because the cell holds', low=0.1,
+                              high=600.0,
                               source='ten times the goal for regaining contact, 0.5 s')
 
 
@@ -101,5 +102,8 @@ class ProcedureParams:
     lost: float = quantity(2.0, 'mm', 'distance of the tip from the image plane at which the '
                                       'needle waits for the probe', low=0.1, high=50.0,
                            source="the beam's width across the plane")
+    tip_patience: float = quantity(0.5, 's', 'of the insertion without the tip in an image, from '
+                                   'which on the needle waits', low=0.05, high=60.0,
+                                   source='own choice: ten images, 2.5 mm of the way')
     limits: StepLimits = field(default_factory=StepLimits)
     steering: SteeringParams = field(default_factory=SteeringParams)

@@ -29,7 +29,7 @@ def arc(roll, depth, radius=BEND):
 class Toy:
     """Everything does what it is told, at once or at the speed it is told; parts can be broken.
 
-    broken : names among target, scanner, needle, probe, contact, pads
+    broken : names among target, scanner, needle, probe, contact, pads, sight, plane, depth
     """
 
     def __init__(self, broken=(), radius=BEND, **given):
@@ -60,17 +60,23 @@ class Toy:
         p.hear_needle(NeedleSeen(self.depth))
         touching = self.probe == 2 and self.contact
         off = min(0.0, self.p[0] - self.nearest) if touching else np.nan
-        p.hear_probe(ProbeSeen(self.probe, touching, off, *(
-            (Outcome.UNREACHABLE, 'too far') if 'probe' in self.broken and self.probe == 3
-            else ())))
+        p.hear_probe(ProbeSeen(self.probe, touching, np.nan if 'plane' in self.broken else off,
+                               *self._probe_says()))
         p.hear_pads(self.home)
-        if touching:
+        if touching and 'sight' not in self.broken:
             p.hear_image(self.t, self.p)
             if self.seen_off is not None:
                 p.hear_target_image(self.t, self.target + self.seen_off)
         for order in p.step(self.t):
             self._obey(order)
         self.phases.append(p.phase)
+
+    def _probe_says(self):
+        if 'probe' in self.broken and self.probe == 3:
+            return Outcome.UNREACHABLE, 'too far'
+        if 'depth' in self.broken and self.probe == 2:
+            return Outcome.OUT_OF_IMAGE, 'the tip is 70 mm from the face'
+        return ()
 
     def _move(self):
         depth, speed = self.drive
@@ -265,6 +271,82 @@ def test_contact_lost_for_good_ends_the_procedure_by_name():
     p = toy.run().procedure
     assert p.phase is Phase.FINISHED and p.outcome is Outcome.STALE_INPUT
     assert 'lost the skin' in p.message and toy.depth < 2e-3
+
+
+BLIND = [('depth', Outcome.OUT_OF_IMAGE, '70 mm from the face'),
+         ('sight', Outcome.TIP_NOT_SEEN, 'found in an image'),
+         ('plane', Outcome.STALE_INPUT, 'image plane'),
+         ('target', Outcome.STALE_INPUT, 'where the target is')]
+
+
+@pytest.mark.parametrize(('broken', 'outcome', 'said'), BLIND)
+def test_a_needle_that_goes_blind_stops_and_the_procedure_ends_by_name(broken, outcome, said):
+    """Within patience and freshness, 0.5 s at 5 mm/s, and a tick of either."""
+    toy = Toy(overlay=False).run(until=Phase.INSERTING)
+    toy.run(1.0)
+    toy.broken.add(broken)
+    lost, deepest = toy.depth, 0.0
+    while toy.procedure.phase is Phase.INSERTING:
+        deepest = max(deepest, toy.depth)
+        toy.tick()
+    p = toy.run().procedure
+    assert deepest <= lost + 0.5 * 5e-3 + 2 * TICK * 5e-3
+    assert p.outcome is outcome and toy.depth < 2e-3
+    assert said in p.message and p.message.startswith('inserting: ') and '\n' not in p.message
+
+
+@pytest.mark.parametrize(('broken', 'outcome', 'said'), BLIND[:3])
+def test_a_procedure_that_is_blind_throughout_never_goes_on(broken, outcome, said):
+    toy = Toy({broken}, overlay=False)
+    deepest, phases = 0.0, {Phase.MEETING, Phase.INSERTING}
+    while toy.procedure.phase is not Phase.FINISHED:
+        toy.tick()
+        deepest = max(deepest, toy.depth)
+    plan = toy.procedure.plan
+    assert phases & set(toy.phases) and Phase.DWELLING not in toy.phases
+    assert deepest <= plan.depth - 0.018 + 1e-4        # where the probe was to find the tip
+    assert toy.procedure.outcome is outcome and said in toy.procedure.message
+
+
+@pytest.mark.parametrize('broken', [name for name, *_ in BLIND])
+def test_a_needle_that_was_blind_for_a_while_goes_on(broken):
+    toy = Toy(overlay=False).run(until=Phase.INSERTING)
+    toy.run(1.0)
+    toy.broken.add(broken)
+    toy.run(2.5)
+    there = toy.depth
+    toy.run(1.0)
+    assert toy.depth == there and toy.procedure.phase is Phase.INSERTING
+    toy.broken.clear()
+    assert toy.run().procedure.outcome is Outcome.OK
+    assert Phase.DWELLING in toy.phases
+
+
+def test_images_that_show_the_target_do_for_estimates_that_fell_silent():
+    toy = Toy(overlay=False).run(until=Phase.INSERTING)
+    toy.seen_off = np.zeros(3)
+    toy.broken.add('target')
+    toy.run(until=Phase.DWELLING)
+    assert toy.procedure.outcome is Outcome.OK
+    assert abs(toy.p[0] - toy.target[0]) < 0.7e-3
+
+
+def test_pads_take_no_target_anywhere_by_an_estimate_that_fell_silent():
+    toy = Toy(overlay=False, radius=0.33, recentre=True, axes=('x', 'y', 'z'))
+    toy.run(until=Phase.INSERTING)
+    toy.broken.add('target')
+    toy.run(0.5)
+    many = toy.orders.count(Kind.SHIFT)
+    toy.seen_off = np.array([0.0, 0.002, 0.0])
+    toy.run(until=Phase.DWELLING)
+    assert toy.procedure.outcome is Outcome.OK and toy.orders.count(Kind.SHIFT) == many
+
+
+def test_what_is_no_number_in_an_image_is_not_heard():
+    toy = Toy(overlay=False).run(until=Phase.INSERTING)
+    toy.seen_off = np.full(3, np.nan)
+    toy.run(until=Phase.DWELLING)
+    assert toy.procedure.outcome is Outcome.OK and abs(toy.p[0] - toy.target[0]) < 0.7e-3
 
 
 @pytest.mark.parametrize('permission', [Permission.HOLD, Permission.STOP])
