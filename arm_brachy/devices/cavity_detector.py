@@ -184,9 +184,14 @@ class CavityLocaliser:
         self._params, self._seen = params, []
 
     def see(self, t, R, p, outline):
-        """Take an outline (k, 2) [m] x, z in the plane of a probe at R (3, 3), p (3,) at t [s]."""
+        """Take an outline (k, 2) [m] x, z in the plane of a probe at R (3, 3), p (3,) at t [s].
+
+        outline : None without one; what is older than the memory is forgotten in any case
+        """
         params = self._params
         self._seen = [s for s in self._seen if s[0] >= t - params.memory]
+        if outline is None:
+            return
         points = p + np.column_stack([outline[:, 0], np.zeros(len(outline)), outline[:, 1]]) @ R.T
         middle = points.mean(axis=0)
         # A plane where there was one before says what that one said, until the tissue has moved.

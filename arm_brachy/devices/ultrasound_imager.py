@@ -79,7 +79,8 @@ class Frame:
     picture : (height, width) uint8;  overlay : (height, width, 3) uint8, RGB
     detection : Detection, or None where nothing was searched
     tip_W : (3,) [m] of the tip in W, by the told pose of the probe; None if not found
-    cavity : Cavity, in W by the told poses of the probe so far; None while it is not located
+    cavity : Cavity, in W by the told poses of the probe so far; None while it is not located, and
+        in a picture without its outline
     """
 
     t: float
@@ -230,16 +231,17 @@ class Imager:
             'depth')
 
     def _locate(self, t, picture, told_probe, place, head):
-        """The Cavity as known by now, and its outline in this picture (k, 2) [pixel], or None.
+        """The Cavity as known by now, and its outline in this picture (k, 2) [pixel], or two None.
 
+        A picture without an outline says nothing of where the cavity is now.
         place, head : (2,) [m] in the plane of the needle, as expected and as seen
         """
         if self._outlines is None or place is None:
             return None, None
         outline = self._outlines.outline(picture, place, head)
-        if outline is None:
-            return self._cavity.cavity, None
         self._cavity.see(t, *told_probe, outline)
+        if outline is None:
+            return None, None
         pixels = outline / self.params.image.pixel + [0.5 * (self.params.image.width - 1), 0.0]
         return self._cavity.cavity, pixels
 

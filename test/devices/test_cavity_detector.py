@@ -110,3 +110,31 @@ def test_a_plane_that_stands_still_says_nothing_of_the_third_direction():
         (h, edge), = circles([3e-3], np.array([0.0, 5e-3, 0.02]), RADIUS)
         localiser.see(0.05 * k, np.eye(3), np.array([0.0, h, 0.0]), edge)
     assert localiser.cavity is None
+
+
+def test_planes_expire_while_nothing_is_seen():
+    """Known within the memory of the last plane, not after it."""
+    params, centre = CavityDetectorParams(memory=2.0), np.array([2e-3, 5e-3, 0.02])
+    localiser = CavityLocaliser(params)
+    for k, (h, edge) in enumerate(circles(np.arange(1.5e-3, 4.6e-3, 0.5e-3), centre, RADIUS)):
+        localiser.see(0.1 * k, np.eye(3), np.array([0.0, h, 0.0]), edge)
+    for t, known in ((1.0, True), (0.6 + 2.1, False)):
+        localiser.see(t, np.eye(3), np.zeros(3), None)
+        assert (localiser.cavity is not None) == known
+
+
+def test_a_picture_without_the_cavity_tells_no_target():
+    """The plane sweeps into the cavity, then jumps off it by 12 mm and comes back later."""
+    made = Imager(PARAMS, NODES, TETS, (), np.random.default_rng(0), target=CENTRE)
+
+    def see(t, y):
+        probe = R_WP, np.array([0.0, CENTRE[1] + y, TOP])
+        tip = np.array([0.0, CENTRE[1] + y, 0.0295])
+        shaft = np.linspace(tip - [0.0, 0.05, 0.0], tip, 30)
+        return made.see(t, NODES, probe, None, shaft, probe, (R_NEEDLE, tip)).cavity
+
+    sweep_in = [see(0.05 * k, y) for k, y in enumerate(np.arange(-5e-3, -1.2e-3, 0.25e-3))]
+    assert sweep_in[-1] is not None
+    assert [see(t, -0.012) for t in (1.0, 1.05, 2.0)] == [None] * 3
+    assert see(3.0, -1.5e-3) is not None
+    assert see(3.0 + PARAMS.cavity.memory + 0.5, -1.5e-3) is None      # one plane is no centre
