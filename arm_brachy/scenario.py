@@ -34,7 +34,7 @@ from arm_brachy.estimation.kf_admm import KfAdmmParams
 from arm_brachy.estimation.live import EstimationParams
 from arm_brachy.estimation.map import MapParams, own_mesh
 from arm_brachy.estimation.pod_params import PodParams
-from arm_brachy.robot.probe_arm_params import ProbeArmParams
+from arm_brachy.robot.probe_arm_params import PERIOD, ProbeArmParams
 from arm_brachy.robot.template import TemplateParams
 from arm_brachy.viewing.params import ViewerParams
 
@@ -193,9 +193,9 @@ def resolve(scenario, path, source=None):
     path : its file (for messages and relative paths)
     source : the mapping it was read from, which knows the lines; None if it was made in Python
     Returns Cell. Raises ConfigError, also for what a schema cannot see: names given twice, a pad
-    without direction, a stroke longer than the actuator's, a tick that is no whole nanosecond, a
-    force limit that the sensor cannot measure, tasks and moves at once, moves that the bank cannot
-    make.
+    without direction, a stroke longer than the actuator's, a tick that is no whole nanosecond, or
+    with a probe no whole period of its arm's loop, a force limit that the sensor cannot measure,
+    tasks and moves at once, moves that the bank cannot make.
     """
     scene_path = (path.parent / scenario.scene).resolve()
     scene = load_scene(scene_path)
@@ -326,12 +326,29 @@ def _check_procedure(scenario, scene, place):
     if not asked.axes or len(set(asked.axes)) < len(asked.axes):
         raise ConfigError(f"{place('procedure', 'axes')} = {list(asked.axes)}; must be one to "
                           'three of x, y, z, each once')
+    _check_probe(scenario, place)
     size = scenario.template.columns, scenario.template.rows
+    for key, most in zip(('column', 'row'), size, strict=True):
+        if getattr(scenario.needle, key) >= most:
+            raise ConfigError(f"{place('needle', key)} = {getattr(scenario.needle, key)}; must be "
+                              f'0 to {most - 1}, a hole of the template')
     if asked.hole and (len(asked.hole) != 2 or not all(  # noqa: PLR2004 - column and row
             0 <= k < n for k, n in zip(asked.hole, size, strict=False))):
         raise ConfigError(f"{place('procedure', 'hole')} = {list(asked.hole)}; must be a column "
                           f'from 0 to {size[0] - 1} and a row from 0 to {size[1] - 1} of the '
                           'template, or empty: chosen')
+
+
+def _check_probe(scenario, place):
+    """The arm's loop makes whole periods in a tick, and the supervisor lets it press."""
+    if abs(scenario.tick - round(scenario.tick / PERIOD) * PERIOD) * 1e9 > TICK_ROUNDING_NS:
+        raise ConfigError(f"{place('tick_ms')} = {scenario.tick * 1e3:.12g}; must be a whole "
+                          f'number of the {PERIOD * 1e3:g} ms in which the loop of the arm that '
+                          'holds the probe runs')
+    force, most = scenario.probe.force, scenario.limits.probe_force
+    if force >= most:
+        raise ConfigError(f"{place('probe', 'force_N')} = {force:g}; must be below the {most:g} N "
+                          'of limits.probe_force_N, at which the supervisor stops the cell')
 
 
 def _check_estimators(scenario, scene, place):

@@ -142,6 +142,10 @@ def test_a_hold_of_two_ticks_and_the_braking_time_is_enough(files):
     assert load_cell(files(fine)).scenario.moves[0].hold == 0.13
 
 
+def procedure(**given):
+    return {'feedback': 'pod', 'procedure': {'target': 'target_1'}, **given}
+
+
 PAD_2, PAD_9 = ({'name': name, 'position_mm': 6} for name in ('pad_2', 'pad_9'))
 WRONG_SCENARIOS = [
     ({'scene': 'none.yaml'}, r'none\.yaml: no such file'),
@@ -190,6 +194,24 @@ WRONG_SCENARIOS = [
     ({'feedback': 'pod', 'estimation': {'fewest': 20}},
      r":4: feedback = 'pod'; needs a target and 20 markers on tissue in scene breast, .*5 and 19"),
     ({'estimators': ['map'], 'estimation': {'fewest': 20}}, r":4: estimators = \['map'\]; needs"),
+    ({'needle': {'points': 0}}, r':5: needle\.points = 0; must be a whole number, 2 to 1000'),
+    ({'needle': {'row': -1}}, r':5: needle\.row = -1; must be a whole number, at least 0'),
+    ({'ultrasound': {'cavity': {'planes': 0}}},
+     r':6: ultrasound\.cavity\.planes = 0; must be a whole number, 2 to 1000'),
+    ({'probe': {'scan': {'neighbours': 0}}},
+     r':6: probe\.scan\.neighbours = 0; must be a whole number, 4 to 10000'),
+    ({'map': {'iterations': 0}}, r':5: map\.iterations = 0; must be a whole number, 1 to 1000'),
+    ({'map': {'iterations': 1.5}}, r'map\.iterations = 1\.5; must be a whole number, 1 to 1000'),
+    ({'pod': {'modes': 0}}, r'pod\.modes = 0; must be a whole number, 1 to 1000'),
+    (procedure(template={'columns': -3}),
+     r':8: template\.columns = -3; must be a whole number, 1 to 100'),
+    (procedure(template={'columns': 5}), r'needle\.column = 6; must be 0 to 4, a hole of'),
+    ({'probe': {'release_N': 0.3}}, r'probe: release_N = 0\.3 with touch_N = 0\.3; must be less'),
+    ({'probe': {'touch_N': 3}}, r'probe: touch_N = 3 with force_N = 3; must be less: release_N <'),
+    ({'probe': {'force_N': 9}}, r'probe: force_N = 9 with force_most_N = 8; must be less'),
+    (procedure(probe={'force_N': 10, 'force_most_N': 12}),
+     r':8: probe\.force_N = 10; must be below the 10 N of limits\.probe_force_N'),
+    (procedure(tick_ms=12.5), r':7: tick_ms = 12\.5; must be a whole number of the 1 ms in which'),
 ]
 
 

@@ -11,7 +11,7 @@ believed again after a while, in which nothing was pushed either.
 from collections import deque
 from dataclasses import dataclass
 
-from arm_brachy.core.quantity import quantity
+from arm_brachy.core.quantity import quantity, whole
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class PoseGateParams:
     reacquire: float = quantity(
         2.0, 's', 'in which nothing else was believed, until a sample that stays is', low=0.1,
         high=1e6, source='twice the window: the supervisor has named a stranger within it')
-    contradictions: int = 3   # gated samples in the window from which on the pads hold
+    contradictions: int = whole(3, 'gated samples in the window from which on the pads hold',
+                                low=1)
 
 
 class PoseGate:

@@ -4,7 +4,7 @@ import dataclasses
 import difflib
 import typing
 
-from arm_brachy.core.quantity import quantities
+from arm_brachy.core.quantity import quantities, wholes
 
 LONGEST_VALUE = 60  # characters of a value that a message shows
 
@@ -82,6 +82,9 @@ def _allowed(cls, path, problem):
         return f'must be {number}{info.allowed()}'
     if problem['type'] == 'missing':
         return 'it must be given'
+    whole = wholes(owner).get(key)
+    if whole is not None:
+        return f'must be {whole.allowed()}'
     text = problem['msg'].removeprefix('Value error, ')
     return _WORDS.get(problem['type'], text.replace('Input should', 'must'))
 

@@ -20,7 +20,7 @@ from ruamel.yaml.scalarbool import ScalarBoolean
 
 from arm_brachy.core.complaint import complaint, dataclasses_in, shown
 from arm_brachy.core.errors import ConfigError
-from arm_brachy.core.quantity import quantities
+from arm_brachy.core.quantity import quantities, wholes
 
 
 def load(cls, path):
@@ -121,7 +121,7 @@ def _plain(value):
 @functools.cache
 def _model(cls):
     """The pydantic model whose fields are the edge names of dataclass `cls`."""
-    infos = quantities(cls)
+    infos, whole = quantities(cls), wholes(cls)
     hints = typing.get_type_hints(cls, include_extras=True)
     fields = {}
     for f in dataclasses.fields(cls):
@@ -133,6 +133,9 @@ def _model(cls):
                                         ... if required else None)
         else:
             kind = _edge_type(hints[f.name])
+            if f.name in whole:
+                kind = Annotated[kind, pydantic.Field(ge=whole[f.name].low,
+                                                      le=whole[f.name].high)]
             fields[f.name] = (kind, ...) if required else (kind | None, None)
     config = pydantic.ConfigDict(extra='forbid', strict=False, frozen=True)
     return pydantic.create_model(cls.__name__, __config__=config, **fields)
@@ -205,7 +208,7 @@ def _build_value(hint, value):
 
 def key_rows(cls, prefix=''):
     """Rows (key, default, allowed, meaning) of every key that a file of `cls` may hold."""
-    infos, hints = quantities(cls), typing.get_type_hints(cls)
+    infos, hints, whole = quantities(cls), typing.get_type_hints(cls), wholes(cls)
     rows = []
     for f in dataclasses.fields(cls):
         inner = dataclasses_in(hints[f.name])
@@ -217,7 +220,8 @@ def key_rows(cls, prefix=''):
             item = '[]' if typing.get_origin(hints[f.name]) is tuple else ''
             rows += key_rows(inner[0], f'{prefix}{f.name}{item}.')
         else:
-            rows.append((prefix + f.name, _default_text(f), _type_name(hints[f.name]),
+            allowed = whole[f.name].allowed() if f.name in whole else _type_name(hints[f.name])
+            rows.append((prefix + f.name, _default_text(f), allowed.removeprefix('a '),
                          f.metadata.get('text', '')))
     return rows
 

@@ -162,12 +162,45 @@ def quantity(default, unit, text, *, low=None, high=None, shape=(), prior=None, 
     return dataclasses.field(default=info.to_si(default), metadata=meta)
 
 
+@dataclass(frozen=True)
+class Whole:
+    """Allowed range of a whole number, inclusive; high None = unbounded."""
+
+    low: int
+    high: int | None = None
+
+    def allowed(self):
+        """What a message says after 'must be': 'a whole number, 2 to 1000'."""
+        return f'a whole number, {self.span()}'
+
+    def span(self):
+        """The range alone: '2 to 1000', 'at least 2'."""
+        return f'at least {self.low}' if self.high is None else f'{self.low} to {self.high}'
+
+
+def whole(default, text, *, low, high=None):
+    """Declare a whole number with a range as a dataclass field.
+
+    Raises ValueError for a default outside its own range.
+    """
+    info = Whole(low, high)
+    if default < low or (high is not None and default > high):
+        raise ValueError(f'default {default!r} of {text!r}; must be {info.allowed()}')
+    return dataclasses.field(default=default, metadata={'text': text, 'whole': info})
+
+
 def word(text, **given):
     """Declare a dataclass field that is no quantity, with one line saying what it is.
 
     given : `default` or `default_factory`; nothing = must be given
     """
     return dataclasses.field(metadata={'text': text}, **given)
+
+
+def wholes(cls):
+    """Map field name -> Whole for the fields of dataclass `cls` declared with `whole`."""
+    return {f.name: f.metadata['whole'] for f in dataclasses.fields(cls)
+            if 'whole' in f.metadata}
 
 
 def quantities(cls):

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from arm_brachy.core.quantity import quantity, word
+from arm_brachy.core.quantity import quantity, whole
 
 _COARSER = 4         # pixels of the picture to one of those that are searched
 _RAYS = 48
@@ -45,7 +45,7 @@ class CavityDetectorParams:
                            source='ten copies of the comet tail')
     step: float = quantity(0.2, 'mm', 'between planes that count as two', low=0.01, high=10.0,
                            source='a tenth of the width of the beam across the plane')
-    planes: int = word('fewest planes that make a centre', default=3)
+    planes: int = whole(3, 'fewest planes that make a centre', low=2, high=1000)
     memory: float = quantity(6.0, 's', 'for which a plane counts', low=0.1, high=600.0,
                              source='own choice: the tissue moves under needle and probe')
     refresh: float = quantity(0.5, 's', 'after which a plane in the same place takes its place',

@@ -17,7 +17,7 @@ import numpy as np
 
 from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
-from arm_brachy.core.quantity import quantity, word
+from arm_brachy.core.quantity import quantity, whole, word
 from arm_brachy.devices.insertion import HandMotion, InsertionProfile
 from arm_brachy.devices.motion_profile import Motion, Profile, stopping_point
 from arm_brachy.devices.needle import NeedleParams, NeedlePath
@@ -34,9 +34,9 @@ class NeedleDriverParams:
 
     needle: NeedleParams = field(default_factory=NeedleParams)
     insertion: InsertionProfile = field(default_factory=InsertionProfile)
-    column: int = word('of the hole at the start, the first is 0', default=6)
-    row: int = word('of that hole', default=6)
-    points: int = word('of the true shaft, template to tip', default=41)
+    column: int = whole(6, 'of the hole at the start, the first is 0', low=0)
+    row: int = whole(6, 'of that hole', low=0)
+    points: int = whole(41, 'of the true shaft, template to tip', low=2, high=1000)
     told: Literal['arc', 'straight'] = word(
         'whether the tip as told follows the nominal arc or the axis of the hole', default='arc')
     roll: float = quantity(0.0, 'deg', "turn of the needle about its axis; at 0 it bends towards "

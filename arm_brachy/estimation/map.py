@@ -18,7 +18,7 @@ import numpy as np
 
 from arm_brachy.core.errors import ConfigError, NotConverged
 from arm_brachy.core.outcome import Outcome
-from arm_brachy.core.quantity import quantity, word
+from arm_brachy.core.quantity import quantity, whole, word
 from arm_brachy.core.scene import with_mesh
 from arm_brachy.estimation.estimate import Estimate
 from arm_brachy.estimation.forward import Forward
@@ -69,7 +69,8 @@ class MapParams:
     memory: float = quantity(0.001, 's', 'time in which the state forgets', low=1e-3, high=1e6,
                              source='measured, README section 5: what is remembered of a smaller '
                              'push does harm')
-    iterations: int = 1                 # of Gauss-Newton in one estimate: README, section 5
+    iterations: int = whole(1, 'of Gauss-Newton in one estimate, at most: README, section 5',
+                            low=1, high=1000)
     settled: float = quantity(0.02, 'mm', 'largest change of an expected point that ends them',
                               low=1e-6, high=1.0, source='the noise of a marker')
     others: float = quantity(0.25, '', 'share of its sd that each kind of unknown keeps while '

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from arm_brachy.core.errors import MeshError
-from arm_brachy.core.quantity import quantity
+from arm_brachy.core.quantity import quantity, whole
 from arm_brachy.estimation.local_loads import AROUND, face_motion, local_loads, node_volumes
 from arm_brachy.estimation.random_fields import field_modes
 from arm_brachy.tissue.assembly import Assembler
@@ -40,7 +40,7 @@ class PriorParams:
                               source=_FITTED)
     modulus_length: float = quantity(15.0, 'mm', 'correlation length of that field', low=1.0,
                                      source='size of the lumps of term inclusion')
-    modulus_modes: int = 40
+    modulus_modes: int = whole(40, 'of that field', low=1, high=1000)
     bulk: float = quantity(1.4, '', 'sd of the logarithm of the bulk modulus', low=0.0,
                            source=_FITTED)
     fibres: float = quantity(0.11, '', 'sd of fibre modulus over shear modulus, in each of '
@@ -57,14 +57,14 @@ class PriorParams:
                             'push of 20 mm', low=0.0, source=_KEPT)
     force_length: float = quantity(20.0, 'mm', 'correlation length of that force', low=1.0,
                                    source='as modulus_length')
-    force_modes: int = 30
+    force_modes: int = whole(30, 'of that force', low=1, high=1000)
     faces: float = quantity(0.15, '', 'sd of the share of its travel by which a pad falls short '
                             'at its rim, in each of five terms around it', low=0.0,
                             source=_FITTED)
     load: float = quantity(1.0, 'N', 'sd of an unknown load at each of load_places of the skin, '
                            'in x, y and z', low=0.0, source='an ultrasound probe presses with '
                            '3 N')
-    load_places: int = 40
+    load_places: int = whole(40, 'of the skin at which it may press', low=0, high=1000)
 
 
 class Unknowns:

@@ -12,6 +12,8 @@ from arm_brachy.robot.scissor_parameters import ScissorHolderParams
 from arm_brachy.robot.surface_scan import ScanParams
 from arm_brachy.robot.switched import SwitchedParams
 
+PERIOD = 1e-3        # s of the arm's own loop, of either holder: Franka Control Interface
+
 
 @dataclass(frozen=True)
 class ProbeArmParams:
@@ -111,7 +113,12 @@ class ProbeArmParams:
     scissor_rcm: ScissorHolderParams = field(default_factory=ScissorHolderParams)
 
     def __post_init__(self):
-        """Refuse what the linkage cannot do. Raises ConfigError."""
+        """Refuse forces in the wrong order, and what the linkage cannot do. Raises ConfigError."""
+        order = [(key, getattr(self, key)) for key in ('release', 'touch', 'force', 'force_most')]
+        for (less, low), (more, high) in zip(order, order[1:], strict=False):
+            if not low < high:
+                raise ConfigError(f'probe: {less}_N = {low:g} with {more}_N = {high:g}; must be '
+                                  'less: release_N < touch_N < force_N < force_most_N')
         if self.probe_holder != 'scissor_rcm':
             return
         for key, only, why in (

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 from arm_brachy.core.errors import InputError
-from arm_brachy.core.quantity import quantity
+from arm_brachy.core.quantity import quantity, whole
 
 _FEWEST = 50         # patches, below which there is no surface
 _SD_OF_MEDIAN = 1.4826   # a normal's sd over its median absolute deviation
@@ -35,7 +35,8 @@ class ScanParams:
     outlier: float = quantity(3.0, '', 'standard deviations off its patch, from which on a point '
                               'is left out', low=1.0, high=20.0,
                               source='three standard deviations')
-    neighbours: int = 60        # of the cloud that a patch is fitted to
+    neighbours: int = whole(60, 'points of the cloud that a patch is fitted to', low=4,
+                            high=10_000)
     smoothing: float = quantity(0.3, '', "RBFInterpolator's, of distances in units of the "
                                 'spacing', low=0.0, high=100.0,
                                 source='noise of a tenth of the spacing (own choice)')

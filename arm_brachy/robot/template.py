@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from arm_brachy.core.errors import InputError
-from arm_brachy.core.quantity import quantity
+from arm_brachy.core.quantity import quantity, whole
 
 _GRAZING = 1e-3      # cosine of needles to the plane's normal, below which they run along it
 
@@ -20,8 +20,8 @@ _GRAZING = 1e-3      # cosine of needles to the plane's normal, below which they
 class TemplateParams:
     """A template of the kind used in brachytherapy."""
 
-    columns: int = 13
-    rows: int = 13
+    columns: int = whole(13, 'of holes', low=1, high=100)
+    rows: int = whole(13, 'of holes', low=1, high=100)
     pitch: float = quantity(5.0, 'mm', 'between holes', low=1.0, high=20.0,
                             source='usual template of prostate and breast brachytherapy')
     origin: tuple = quantity((-49.5, -49.5, 27.0), 'mm', 'of the middle hole, where needles leave '

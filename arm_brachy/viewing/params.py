@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from arm_brachy.core.quantity import quantity, word
+from arm_brachy.core.quantity import quantity, whole, word
 
 
 @dataclass(frozen=True)
@@ -12,7 +12,7 @@ class ViewerParams:
     on: bool = word('node cell_viewer takes part in a run', default=True)
     rate: float = quantity(5.0, 'Hz', 'how often the cell is drawn', low=0.1, high=30.0,
                            source='own choice: the rate of the mesh')
-    triangles: int = word('most triangles of a surface; a finer one is drawn coarser', default=320)
+    triangles: int = whole(320, 'most triangles of a surface; a finer one is drawn coarser', low=4)
     full_colour: float = quantity(10.0, 'mm', 'displacement of the last colour', low=0.01,
                                   high=500.0, source='own choice: what the pads of breast.yaml '
                                                      'move most of the surface')

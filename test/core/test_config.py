@@ -9,7 +9,7 @@ import pytest
 
 from arm_brachy.core import config
 from arm_brachy.core.errors import ConfigError
-from arm_brachy.core.quantity import quantities, quantity
+from arm_brachy.core.quantity import quantities, quantity, whole
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,8 @@ class Rig:
     spare: Noise | None = None
     discs: tuple[Disc, ...] = ()
     tags: tuple[str, ...] = ()
+    turns: int = whole(3, 'of the rig', low=1, high=9)
+    shots: int = whole(1, 'of each turn', low=1)
     labels: dict[str, str] = field(default_factory=dict)
     entries: tuple[dict, ...] = ()
 
@@ -119,6 +121,10 @@ MISTAKES = [
     ('still: 1', 3, 'still = 1; must be true or false'),
     ("still: 'yes'", 3, "still = 'yes'; must be true or false"),
     ('tags: x', 3, "tags = 'x'; must be a list"),
+    ('turns: 0', 3, 'turns = 0; must be a whole number, 1 to 9'),
+    ('turns: 10', 3, 'turns = 10; must be a whole number, 1 to 9'),
+    ('turns: 2.5', 3, 'turns = 2.5; must be a whole number, 1 to 9'),
+    ('shots: 0', 3, 'shots = 0; must be a whole number, at least 1'),
     ('tags: [1]', 3, 'tags.0 = 1; must be text'),
     ('labels: {left: 1}', 3, 'labels.left = 1; must be text'),
     ('labels: [a]', 3, "labels = ['a']; must be a mapping of keys to values"),
@@ -233,3 +239,12 @@ def test_two_schemas_of_one_name_are_told_apart():
 
     assert config.from_mapping(Both, {'a': {'size_mm': 2}, 'b': {'size_m': 2}}, 'x') \
         == Both(first(0.002), second(2.0))
+
+
+def test_a_whole_number_keeps_its_range_and_its_row(tmp_path):
+    assert config.load(Rig, write(tmp_path, 'name: rig\nseed: 7\nturns: 9\n')).turns == 9
+    rows = {row[0]: row[1:] for row in config.key_rows(Rig)}
+    assert rows['turns'] == ('3', 'whole number, 1 to 9', 'of the rig')
+    assert rows['shots'][1] == 'whole number, at least 1'
+    with pytest.raises(ValueError, match='must be a whole number, 1 to 9'):
+        whole(0, 'a bug in a declaration', low=1, high=9)

@@ -9,6 +9,7 @@ import pytest
 from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.probe_phase import ProbePhase as Phase
+from arm_brachy.robot import panda_holder, probe_arm_params, scissor_holder
 from arm_brachy.robot import panda_parameters as panda
 from arm_brachy.robot.probe_arm import ProbeArm, ProbeArmParams
 from arm_brachy.robot.probe_phases import HELD, RUN, STOP
@@ -349,6 +350,10 @@ def test_poses_out_of_reach_are_refused():
     R, p = bench.arm.holder.home
     assert bench.arm.holder.obstacle(R, p) == ''
     assert 'out of reach' in bench.arm.holder.obstacle(R, p + [-0.5, 0.5, 0.0])
+
+
+def test_a_scenario_is_checked_against_the_period_of_the_loops():
+    assert probe_arm_params.PERIOD == panda_holder.PERIOD == scissor_holder.PERIOD
 
 
 def test_nothing_follows_without_tip_skin_or_permission():

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from arm_brachy.core.quantity import quantity, word
+from arm_brachy.core.quantity import quantity, whole, word
 from arm_brachy.estimation.es_mda import EsMdaOptions
 
 
@@ -15,8 +15,8 @@ class GraphVaeParams:
                         'scene', default='')
     prior: Literal['model', 'travel'] = word('whose state the members are drawn around',
                                              default='model')
-    members: int = EsMdaOptions.members
-    assimilations: int = EsMdaOptions.assimilations
+    members: int = whole(EsMdaOptions.members, 'of the ensemble', low=2)
+    assimilations: int = whole(EsMdaOptions.assimilations, 'of one measurement', low=1)
     inflation: float = EsMdaOptions.inflation
     localised: bool = EsMdaOptions.localised
     seed: int = 0
