@@ -41,6 +41,7 @@ PROCEDURE_FIGURES = (
     ('force_peak_error_N', 'contact force, largest error [N]', '', 2),
     ('force_overshoot_N', 'contact force, overshoot of its goal until the probe retracts [N]',
      '0.3', 2),
+    ('target_to_goal_mm', 'target off its goal by the pads [mm]', '', 2),
     ('off_plan_end_mm', 'tip off its planned path at the end [mm]', '', 2),
     ('torque_mean_Nm', 'joint torques, mean norm [N m]', '', 1),
     ('joint_travel_rad', 'way of the joints [rad]', '', 2),
