@@ -25,7 +25,7 @@ class EstimationParams:
     fewest: float = quantity(3.0, '', 'markers on tissue below which there is no estimate',
                              low=1.0, high=1000.0, source='three points fix a rigid motion; with '
                              'fewer an estimate would be the model with a claim of measurement')
-    stale_after: float = quantity(0.5, 's', 'silence of the optical tracker that is reported',
+    stale_after: float = quantity(0.5, 's', 'silence of tracker or encoders that is reported',
                                   low=0.01, high=600.0, source='control.stale_after')
 
 
@@ -101,6 +101,10 @@ class LiveEstimator:
             return LiveStep(t, None, Outcome.REJECTED, 'optical: a frame is not newer than the '
                             'last')
         self._last = frame[0]
+        if self._pads and frame[0] - self._encoder[-1][0] > self.params.stale_after:
+            return LiveStep(t, None, Outcome.STALE_INPUT, 'the last encoder reading is '
+                            f'{frame[0] - self._encoder[-1][0]:.2f} s older than the frame, '
+                            f'allowed {self.params.stale_after:g} s; the estimate is withheld')
         return self._estimated(t, *frame)
 
     def _silent(self, t, frame):

@@ -17,6 +17,7 @@ from arm_brachy.core.quantity import quantity
 
 _MINUTE = 60.0
 FEWEST = 3              # orientations; two leave a centre of mass along their common axis open
+MOST_DRIFT = 1.0        # N of residual in the air that can be drift: 0.1 N a minute, for an hour
 _WORST_CONDITION = 100.0  # of the least squares in units of its columns
 
 
@@ -161,19 +162,27 @@ def calibrate(readings, rotations, gravity):
 
 
 class BiasTracker:
-    """Follows the bias while nothing touches the probe, by an exponential mean of the residual."""
+    """Follows the bias while nothing touches the probe, by an exponential mean of the residual.
+
+    A residual of MOST_DRIFT or more is a load and no drift; it would be taken for weight of the
+    tool, and force limits would stand that much too high.
+    """
 
     def __init__(self, load, time_constant=2.0, period=1e-3):
         """load : ToolLoad to start from;  time_constant : [s]"""
         self.load, self._rate = load, period / time_constant
 
     def step(self, reading, R, gravity, periods=1):
-        """Take a reading in the air; the load's bias follows.
+        """Take a reading in the air; the load's bias follows. Returns the force [N] left before.
 
         periods : that the reading is the mean of, few beside the time constant
         """
         left = self.load.contact(reading, R, gravity)
+        felt = float(np.linalg.norm(left[:3]))
+        if felt >= MOST_DRIFT:
+            return felt
         self.load = replace(self.load, bias=self.load.bias + periods * self._rate * left)
+        return felt
 
 
 def _cross_matrix(v):

@@ -147,6 +147,10 @@ class PandaHolder:
         """See ProbeHolder."""
         R, p = self._arm.pose(self._simulation.state()[0])
         self._memory.retreat[:] = p - away * R[:, 2]
+        self.clear_trip()
+
+    def clear_trip(self):
+        """See ProbeHolder."""
         self._memory.flags[TRIP] = NO_TRIP
 
     def retreated(self):
@@ -167,9 +171,10 @@ class PandaHolder:
     def weigh(self):
         """See ProbeHolder."""
         R, _ = self._arm.pose(self._simulation.state()[0])
-        self._tracker.step(self._memory.reading / self._periods, R, self._arm.gravity,
-                           self._periods)
+        felt = self._tracker.step(self._memory.reading / self._periods, R, self._arm.gravity,
+                                  self._periods)
         self._memory.bias[:] = self._tracker.load.bias
+        return felt
 
     def picture(self, width, height, skin=None):
         """See ProbeHolder."""

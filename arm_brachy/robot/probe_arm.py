@@ -12,10 +12,11 @@ import numpy as np
 from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.probe_phase import ProbePhase as Phase
+from arm_brachy.robot.force_torque import MOST_DRIFT
 from arm_brachy.robot.panda_holder import PERIOD, PandaHolder
 from arm_brachy.robot.probe_arm_params import ProbeArmParams
 from arm_brachy.robot.probe_holder import Errand, Way
-from arm_brachy.robot.probe_phases import Phases, Situation
+from arm_brachy.robot.probe_phases import NOT_A_NUMBER, Phases, Situation
 from arm_brachy.robot.probe_planner import Plan
 from arm_brachy.robot.probe_pose import out_of_plane
 from arm_brachy.robot.reference import rotation_vector
@@ -83,6 +84,7 @@ class ProbeArm:
         self._state = self.holder.state()
         self._frozen = self._goal = (self._state.R, self._state.p)
         self._plan, self._entered, self._near = None, Phase.IDLE, False
+        self._felt = 0.0         # N on the probe at home, where nothing should touch it
         self._sunk = 0.0         # m below the skin as planned, when last there was a plan
 
     @property
@@ -91,7 +93,12 @@ class ProbeArm:
         return self.holder.joint_names
 
     def hear_tip(self, t, R, p):
-        """Take the tip's pose at time t [s]: R (3, 3), z along the needle;  p (3,), W."""
+        """Take the tip's pose at time t [s]: R (3, 3), z along the needle;  p (3,), W.
+
+        One that is not finite is no pose: the age of the last one tells.
+        """
+        if not (np.isfinite(R).all() and np.isfinite(p).all()):
+            return
         self._heard.append((t, np.array(R), np.array(p)))
         self._last_tip = np.array(p)
 
@@ -133,6 +140,10 @@ class ProbeArm:
             what = 'cloud of the skin' if self._params.surface == 'scan' else 'mesh of the model'
             raise CommandRefused(f'probe: no {what} was heard of; scan it, or start the estimator')
         before = self._phases.phase
+        if before is Phase.IDLE and self._felt > MOST_DRIFT:
+            raise CommandRefused(f'probe: {self._felt:.2f} N on the probe at home; must be at '
+                                 f'most {MOST_DRIFT:g} N: take off what touches it, or start its '
+                                 'node again to weigh the tool anew')
         self._phases.follow()
         if before is not self._phases.phase:
             self._planner = None
@@ -162,14 +173,16 @@ class ProbeArm:
         self._look(start, max(periods, 1) * PERIOD)
         errand = self._errand()
         force = np.empty(0)
+        broken = reading is not None and not (np.isfinite(reading.wrench).all()
+                                              and np.isfinite(reading.stiffness).all())
         if periods > 0:
-            force = self.holder.run(errand, reading, periods)
+            force = self.holder.run(errand, None if broken else reading, periods)
             self._state = self.holder.state()
-            if self._state.trip:
-                self._phases.trip(self._state.trip)
+            if self._state.trip or broken:
+                self._phases.trip(self._state.trip or NOT_A_NUMBER)
                 self._begin()
             elif self._phases.phase is Phase.IDLE:
-                self.holder.weigh()
+                self._felt = self.holder.weigh()
         return self._told(t, force)
 
     def _take_tips(self, start):
@@ -207,6 +220,9 @@ class ProbeArm:
         return plan
 
     def _below(self):
+        if self._phases.phase is Phase.HOLD:
+            R, p = self._frozen
+            return self._sunk + float((self._state.p - p) @ R[:, 2])
         if self._plan is None or self._plan.R is None:
             return 0.0
         self._sunk = float((self._plan.p - self._state.p) @ self._plan.up)
@@ -228,6 +244,8 @@ class ProbeArm:
         if phase is before:
             return
         self._entered = phase
+        if before is Phase.STOPPED:
+            self.holder.clear_trip()
         self._frozen = self._state.R, self._state.p
         self._near = self._state.in_contact
         if phase is Phase.RETRACT and before is not Phase.IDLE:

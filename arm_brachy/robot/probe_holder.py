@@ -83,6 +83,9 @@ class ProbeHolder(Protocol):
     def begin_retreat(self, away):
         """Fix where a retreat ends: `away` [m] off the skin; a passed limit is forgotten."""
 
+    def clear_trip(self):
+        """Forget a passed limit."""
+
     def retreated(self):
         """True at the end of a retreat."""
 
@@ -90,7 +93,10 @@ class ProbeHolder(Protocol):
         """Why a pose cannot be taken, in one line; '' if it can."""
 
     def weigh(self):
-        """Follow the sensor's zero by the readings of the last tick: nothing touches the probe."""
+        """Follow the sensor's zero by the readings of the last tick: nothing touches the probe.
+
+        Returns how much force [N] there was; from force_torque.MOST_DRIFT on it is not followed.
+        """
 
     def picture(self, width, height, skin):
         """Return (height, width, 3) uint8 of it over the body.

@@ -5,7 +5,7 @@
     FOLLOW    in contact, the image plane on the tip
     HOLD      stands still; the contact force is kept where there is contact
     RETRACT   along the axis off the skin, then home -> IDLE, after a stop -> STOPPED
-    STOPPED   brakes, then retracts, then waits for release
+    STOPPED   brakes, then retracts, then waits for release; so after a limit passed in the air
 A fault names its outcome, which stays until the next `follow` or `release`.
 """
 
@@ -17,7 +17,10 @@ from arm_brachy.core.probe_phase import ProbePhase as Phase
 
 _LONGEST_WAY = 3.0               # s off the skin, where the end of the way cannot be reached
 RUN, HELD, STOP = range(3)       # values of SafetyState.state
-_TRIPS = {1: 'force', 2: 'speed', 3: 'place', 4: 'angle or speed of a joint'}
+NOT_A_NUMBER = 5                 # code of a trip, after those of arm_loop
+_TRIPS = {1: 'limit of force passed', 2: 'limit of speed passed', 3: 'limit of place passed',
+          4: 'limit of angle or speed of a joint passed',
+          NOT_A_NUMBER: 'the contact wrench is not a number'}
 
 
 @dataclass(frozen=True)
@@ -107,10 +110,17 @@ class Phases:
             step(now)
 
     def trip(self, code):
-        """A limit was passed within the tick; code as in arm_loop."""
-        if self.phase in (Phase.IDLE, Phase.APPROACH, Phase.FOLLOW, Phase.HOLD):
-            self._enter(Phase.RETRACT, Outcome.LIMIT_PASSED,
-                        f'limit of {_TRIPS[code]} passed; the probe retracts')
+        """A limit was passed within the tick; code as in arm_loop, or NOT_A_NUMBER.
+
+        At home or on the way there nothing is left to retract from: something else pushes.
+        """
+        outcome = Outcome.REJECTED if code == NOT_A_NUMBER else Outcome.LIMIT_PASSED
+        if self.phase in (Phase.APPROACH, Phase.FOLLOW, Phase.HOLD):
+            self._enter(Phase.RETRACT, outcome, f'{_TRIPS[code]}; the probe retracts')
+        elif self.phase is Phase.IDLE or (self.phase is Phase.RETRACT and self.clear):
+            self._stopping, self.clear = True, True
+            self._enter(Phase.STOPPED, outcome, f'{_TRIPS[code]}; the arm brakes; look what '
+                        'pushes it, then release it')
 
     def _in_approach(self, now):
         if self._lost_sight(now) or self._too_deep(now):
@@ -147,9 +157,11 @@ class Phases:
         elif now.in_contact and now.below > params.deepest:
             self._enter(Phase.RETRACT, Outcome.LIMIT_PASSED, f'{1e3 * now.below:.0f} mm into the '
                         f'skin; must be at most {1e3 * params.deepest:g} mm')
-        return self.phase not in (Phase.APPROACH, Phase.FOLLOW)
+        return self.phase is Phase.RETRACT
 
     def _in_hold(self, now):
+        if self._too_deep(now):
+            return
         if self._lasts('held', self._permission == HELD, now.t, self._params.hold_patience):
             self._enter(Phase.RETRACT, Outcome.HELD, f'held for {self._params.hold_patience:g} s '
                         f'({self._reason}); the probe retracts')

@@ -198,7 +198,11 @@ class ScissorHolder:
         memory = self._memory
         memory.values[loop.RETREAT_TO] = max(memory.q[loop.ADVANCE] - away,
                                              self._linkage.low[loop.ADVANCE])
-        memory.flags[loop.TRIP] = loop.NO_TRIP
+        self.clear_trip()
+
+    def clear_trip(self):
+        """See ProbeHolder."""
+        self._memory.flags[loop.TRIP] = loop.NO_TRIP
 
     def retreated(self):
         """See ProbeHolder."""
@@ -216,9 +220,10 @@ class ScissorHolder:
     def weigh(self):
         """See ProbeHolder."""
         memory = self._memory
-        self._tracker.step(memory.reading / self._periods, memory.R, self._linkage.gravity,
-                           self._periods)
+        felt = self._tracker.step(memory.reading / self._periods, memory.R, self._linkage.gravity,
+                                  self._periods)
         memory.bias[:] = self._tracker.load.bias
+        return felt
 
     def compliance(self):
         """Return C (6, 6) [m/N, rad/(N m)] at the face as the last tick had it, axes of W."""

@@ -90,6 +90,16 @@ def test_a_silent_encoder_is_named():
     assert steps[-1].outcome is Outcome.STALE_INPUT and 'no encoder' in steps[-1].message
 
 
+def test_encoders_that_fall_silent_are_named_and_nothing_is_estimated_at_an_old_travel():
+    one, estimator = live()
+    feel, one.feel = one.feel, lambda t, q: feel(t, q) if t <= 0.4 else None
+    steps = run(one, 2.0, frames=tuple(0.01 * np.arange(1, 201)))
+    late = [s for s in steps if s.t > 0.4 + one.params.stale_after + 0.15]
+    assert late and all(s.estimate is None and s.outcome is Outcome.STALE_INPUT for s in late)
+    assert 'encoder' in late[-1].message
+    assert max(s.t for s in estimator.given) <= 0.4 + one.params.stale_after
+
+
 def test_nothing_is_worked_off_later_that_was_due_while_it_worked():
     one, _ = live()
     run(one, 0.5)

@@ -321,6 +321,66 @@ def test_a_hard_push_makes_it_retract_within_the_tick(touching):
     assert off_the_skin(step) > 0.01
 
 
+def test_a_push_in_the_air_stops_the_arm_until_it_is_released():
+    """At home and on the way there; then it goes home as if nothing had been."""
+    bench = Bench(needle=Needle(speed=0.0))
+    bench.run(TICK)
+    home = bench.steps[-1].p
+    bump = SimpleNamespace(wrench=np.array([0.0, 0.0, 10.0, 0.0, 0.0, 0.0]),
+                           stiffness=np.zeros((6, 6)))
+    bench.ball.answer = lambda t, R, p: bump if t < 0.2 else SimpleNamespace(
+        wrench=np.zeros(6), stiffness=np.zeros((6, 6)))
+    arm, bench.k, bench.reading = bench.arm, 2, bump     # nobody asks it to follow
+    step = bench.run(1.0)
+    assert (step.phase, step.outcome) == (Phase.STOPPED, Outcome.LIMIT_PASSED)
+    assert 'force' in step.message
+    with pytest.raises(CommandRefused, match='release it first'):
+        arm.retract()
+    arm.release()
+    arm.retract()
+    step = bench.run(6.0)
+    assert (step.phase, step.outcome) == (Phase.IDLE, Outcome.OK)
+    assert np.linalg.norm(step.p - home) < 2e-3
+
+
+def test_a_wrench_that_is_no_number_makes_it_retract(touching):
+    answer = touching.ball.answer
+    touching.reading = SimpleNamespace(wrench=np.full(6, np.nan), stiffness=np.zeros((6, 6)))
+    step = touching.run(TICK)
+    assert (step.phase, step.outcome) == (Phase.RETRACT, Outcome.REJECTED)
+    assert 'not a number' in step.message
+    touching.ball.answer = answer
+    step = touching.run(1.5)
+    assert off_the_skin(step) > 0.01 and np.isfinite(step.torque).all()
+
+
+def test_a_tip_that_is_no_number_is_not_heard(touching):
+    heard = touching.needle.heard
+    touching.needle.heard = lambda t: (heard(t)[0], np.full(3, np.nan))
+    step = touching.run(PARAMS.tip_patience + 0.3)
+    assert (step.phase, step.outcome) == (Phase.RETRACT, Outcome.STALE_INPUT)
+
+
+def test_skin_that_sinks_away_under_a_held_probe_makes_it_retract(touching):
+    touching.arm.hold()
+    centre, begun = touching.ball.centre, touching.k * TICK
+    touching.ball.centre = lambda t: centre(t) - [0.0, 0.0, 5e-3 * (t - begun)]
+    step = touching.run(1.0 + PARAMS.deepest / 5e-3)
+    assert step.outcome is Outcome.LIMIT_PASSED and 'into the skin' in step.message
+
+
+def test_what_leans_on_the_probe_at_home_is_no_zero():
+    bench = Bench(needle=Needle(speed=0.0))
+    lean = SimpleNamespace(wrench=np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]),
+                           stiffness=np.zeros((6, 6)))
+    bench.ball.answer = lambda t, R, p: lean
+    bench.k, bench.reading = 2, lean
+    step = bench.run(5.0)
+    assert np.linalg.norm(step.wrench[:3]) > 3.5
+    with pytest.raises(CommandRefused, match='N on the probe at home'):
+        bench.arm.follow()
+
+
 def test_a_tip_below_the_image_is_named_and_the_probe_stays():
     bench = Bench(replace(PARAMS, image_depth=0.01), needle=Needle(speed=0.0, start=-0.01))
     step = bench.run(4.5)
