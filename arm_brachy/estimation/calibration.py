@@ -30,7 +30,8 @@ class RegistrationParams:
         'leave the registration open', low=1e-3, high=50.0,
         source='markers glued by hand, own choice')
     odd: float = quantity(
-        8.0, '', 'sd by which a landmark may be off before it is left out', low=3.0, high=1000.0,
+        8.0, '', 'sd by which a landmark may be off before it is left out, and most of them '
+        'before the tracker has moved', low=3.0, high=1000.0,
         source='1 mm for a marker on the base, beyond any noise')
     largest_residual: float = quantity(
         2.0, 'mm', 'rms distance of landmarks from their places beyond which they are not those '
@@ -97,7 +98,8 @@ class Calibration:
         if seen.sum() < FEWEST:
             return False
         off = np.linalg.norm(self.registration.apply(p_M[seen]) - p_W[seen], axis=1)
-        return bool(np.median(off) > self.params.largest_residual)
+        odd = self.params.odd * np.median(np.hypot(self._sd[seen], self._noise))
+        return bool(np.median(off) > min(odd, self.params.largest_residual))
 
     def _gather(self, t, seen, p_M, p_W):
         self._begun = t if self._begun is None else self._begun

@@ -119,6 +119,18 @@ def test_a_frame_that_is_not_newer_is_refused_by_name():
     assert step.outcome is Outcome.REJECTED and 'not newer' in step.message
 
 
+@pytest.mark.parametrize('bump', [1.5e-3, 4e-3])
+def test_a_tracker_that_is_bumped_is_named_and_registered_again(bump):
+    one, estimator = live()
+    see = one.see
+    one.see = lambda t, ids, points: see(t, ids, points + (bump if t > 0.5 else 0.0))
+    steps = run(one, 1.0, speed=0.0)
+    lost = [s for s in steps if s.outcome is Outcome.LOST_REGISTRATION]
+    assert lost and 'has moved' in lost[0].message
+    after = [s for s in estimator.given if s.t > 0.5]
+    assert after and all(np.allclose(s.markers, REST[3:], atol=1e-4) for s in after)
+
+
 def test_too_few_landmarks_to_register_is_said_once_patience_is_over():
     one, _ = live()
     steps = run(one, 1.4, frames=tuple(0.01 * np.arange(1, 150)), hidden=[0, 1])
