@@ -54,6 +54,8 @@ def promised(cell):
         else:
             says.add(graph.TICK_DONE.at(node=spec.name).name)
         hears |= {graph.TICK_DONE.at(node=n).name for n in upstream}
+        says |= {f'{action.replace("~", spec.name)}/_action/{what}' for action in spec.actions
+                 for what in ('feedback', 'status')}
         table[spec.name, 'publishes'] = {'/' + n.lstrip('/') for n in says}
         table[spec.name, 'subscribes'] = {'/' + n.lstrip('/') for n in hears}
     return table
