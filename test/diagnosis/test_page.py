@@ -68,8 +68,8 @@ def test_the_verdict_is_read_first_and_the_page_stands_alone(pages, answers, nam
 
 def test_the_physics_has_its_equation_symbols_and_source(pages):
     text = pages['structural'].text
-    assert 'y(t) = min(max(y(t-), u(t) - w), u(t))' in text
-    assert 'Symbols: u motor position, y pad position, w width [m].' in text
+    assert 'y(t) = min(max(y(t-), u(t) - (1 - a) w), u(t) + a w)' in text
+    assert 'Symbols: u motor position, y pad position, w width [m], a start.' in text
     assert 'Source: play operator: Visintin 1994' in text
     assert '(of pad_1)' in text   # not the index of the actuator
 
