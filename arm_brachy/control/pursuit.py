@@ -10,6 +10,7 @@ from arm_brachy.control.loop import Mode
 from arm_brachy.control.reach import closest_reachable
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.errors import CommandRefused
+from arm_brachy.core.session import RUN_AGAIN
 
 AVERAGED = 1.0  # s of samples whose mean is where a target is taken to be when a goal is set
 
@@ -103,8 +104,7 @@ class Pursuit:
         if self._permission is not Permission.RUN:
             raise CommandRefused(f'goal for {goal.target}: the safety state is '
                                  f'{self._permission.name} ({self._reason}); when its cause is '
-                                 'gone call supervisor/reset, after a STOP also '
-                                 'actuator_driver/release')
+                                 f'gone, to run again: {RUN_AGAIN}')
         if self._q is None:
             raise CommandRefused(f'goal for {goal.target}: no encoder reading has come yet; '
                                  'start the actuator driver')

@@ -11,6 +11,7 @@ from arm_brachy.control.safety import Permission
 from arm_brachy.control.sequencer import at_home
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.session import RUN_AGAIN
 
 # A pad further than this [m] from where a leg ended was refused or blocked, and its move is not
 # made. Own choice: play, lost steps and lag of a working drive stay below it.
@@ -102,8 +103,8 @@ class PushProtocol:
             raise CommandRefused('resume: nothing was interrupted')
         if self._permission is not Permission.RUN:
             raise CommandRefused(f'resume: the safety state is {self._permission.name} '
-                                 f'({self._reason}); when its cause is gone call '
-                                 'supervisor/reset, after a STOP also actuator_driver/release')
+                                 f'({self._reason}); when its cause is gone, to run '
+                                 f'again: {RUN_AGAIN}')
         self._held, self._due = False, True
 
     def step(self, t, q, velocity):

@@ -25,6 +25,9 @@ MARK = b'ABSEAL1'
 _TAIL = struct.Struct('<7sBQ32s')
 _ALIGN = 4               # DDS pads what it carries to this; a seal stays at the very end
 TICKET_LIFE_S = 60.0     # of a release: long enough to carry it to a service by hand
+# What a person does to end a hold or a stop, for the messages of all who refuse meanwhile.
+RUN_AGAIN = ('arm-brachy release BAG; in a cell without a key supervisor/reset, after a STOP also '
+             'actuator_driver/release')
 
 
 class SealError(Exception):

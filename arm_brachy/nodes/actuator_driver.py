@@ -5,6 +5,7 @@ from rclpy.node import Node
 from arm_brachy import cell, graph
 from arm_brachy.core.errors import CommandRefused, ConfigError
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.session import RUN_AGAIN
 from arm_brachy.devices.actuator import SimulatedBank
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
@@ -135,12 +136,11 @@ class ActuatorDriverNode(Node):
     def _not_running(self):
         if self._permission == SafetyState.RUN:
             return ''
-        return ('actuators: the safety state is not RUN; call supervisor/reset, after a stop or a '
-                'silent supervisor also actuator_driver/release')
+        return f'actuators: the safety state is not RUN; to run again: {RUN_AGAIN}'
 
     def _forbidden(self):
         """Why nothing may move, in one line; '' if it may."""
-        lost = 'actuators: the supervisor had fallen silent; call actuator_driver/release'
+        lost = f'actuators: the supervisor had fallen silent; to run again: {RUN_AGAIN}'
         return self._not_running() or (lost if self._lost else '')
 
     def _on_command(self, t_ns, msg):

@@ -5,6 +5,7 @@ from rclpy.node import Node
 from arm_brachy import cell, graph
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.errors import CommandRefused
+from arm_brachy.core.session import RUN_AGAIN
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.keyed_trigger import KeyedTrigger
@@ -116,8 +117,7 @@ class NeedleDriverNode(Node):
 
     def _release(self):
         if self._permission is not Permission.RUN:
-            raise CommandRefused('needle: the safety state is not RUN; call supervisor/reset '
-                                 'first')
+            raise CommandRefused(f'needle: the safety state is not RUN; to run again: {RUN_AGAIN}')
         self._driver.release()
         return 'released'
 

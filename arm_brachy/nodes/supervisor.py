@@ -11,6 +11,7 @@ from arm_brachy.control.cell_watch import MotionWatch, PulseWatch
 from arm_brachy.control.safety import Permission, Safety
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.session import RUN_AGAIN
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.keyed_trigger import KeyedTrigger
@@ -159,13 +160,11 @@ class SupervisorNode(Node):
 
     def _on_stop(self, request, response):
         self._safety.stop('emergency stop on request')
-        return self._changed(response, True, 'stopped; to run again: arm-brachy release BAG; in a '
-                             'cell without a key supervisor/reset, then actuator_driver/release')
+        return self._changed(response, True, f'stopped; to run again: {RUN_AGAIN}')
 
     def _on_hold(self, request, response):
         self._safety.hold('hold on request')
-        return self._changed(response, True, 'holding; to run again: arm-brachy release BAG; in a '
-                             'cell without a key supervisor/reset')
+        return self._changed(response, True, f'holding; to run again: {RUN_AGAIN}')
 
     def _reset(self):
         stopped = self._safety.permission is Permission.STOP

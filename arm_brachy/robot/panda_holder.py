@@ -21,6 +21,7 @@ from arm_brachy.robot.arm_loop import (
 from arm_brachy.robot.force_torque import BiasTracker, ForceTorqueSensor, calibrate
 from arm_brachy.robot.impedance import Gains
 from arm_brachy.robot.inverse_kinematics import inverse_kinematics
+from arm_brachy.robot.probe_arm_params import PERIOD
 from arm_brachy.robot.probe_holder import HolderState
 from arm_brachy.robot.probe_planner import PLANNERS
 from arm_brachy.robot.reference import lead_limits, rotation
@@ -28,7 +29,6 @@ from arm_brachy.robot.rigid_body import Arm, Payload
 from arm_brachy.robot.simulation import ArmSimulation
 from arm_brachy.robot.switched import SwitchedGains
 
-PERIOD = 1e-3                                            # s, of the Franka Control Interface
 _READY = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 1.9, 0.0])   # its ready posture, hand straight
 _TILTS = np.radians([[0.0, 0.0], [25.0, 0.0], [-25.0, 0.0], [0.0, 25.0], [0.0, -25.0]])
 _REST = 500                                              # readings in each of these

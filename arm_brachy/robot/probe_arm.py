@@ -13,8 +13,8 @@ from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.probe_phase import ProbePhase as Phase
 from arm_brachy.robot.force_torque import MOST_DRIFT
-from arm_brachy.robot.panda_holder import PERIOD, PandaHolder
-from arm_brachy.robot.probe_arm_params import ProbeArmParams
+from arm_brachy.robot.panda_holder import PandaHolder
+from arm_brachy.robot.probe_arm_params import PERIOD, ProbeArmParams
 from arm_brachy.robot.probe_holder import Errand, Way
 from arm_brachy.robot.probe_phases import NOT_A_NUMBER, Phases, Situation
 from arm_brachy.robot.probe_planner import Plan
@@ -146,7 +146,7 @@ class ProbeArm:
                                  'node again to weigh the tool anew')
         self._phases.follow()
         if before is not self._phases.phase:
-            self._planner = None
+            self._planner, self._sunk = None, 0.0
 
     def hold(self):
         """Stand still; in contact the force is kept."""

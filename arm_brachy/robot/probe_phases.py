@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.probe_phase import ProbePhase as Phase
+from arm_brachy.core.session import RUN_AGAIN
 
 _LONGEST_WAY = 3.0               # s off the skin, where the end of the way cannot be reached
 RUN, HELD, STOP = range(3)       # values of SafetyState.state
@@ -100,7 +101,7 @@ class Phases:
     def _refuse_unless_running(self, what):
         if self._permission != RUN:
             raise CommandRefused(f'probe: {what} while the safety state is not RUN '
-                                 f'({self._reason}); call supervisor/reset')
+                                 f'({self._reason}); to run again: {RUN_AGAIN}')
 
     def advance(self, now):
         """Take a Situation; phase, outcome and message follow."""

@@ -14,7 +14,8 @@ import numpy as np
 from arm_brachy.core.errors import InputError
 from arm_brachy.robot import scissor_loop as loop
 from arm_brachy.robot.force_torque import BiasTracker, ForceTorqueSensor, calibrate
-from arm_brachy.robot.panda_holder import PERIOD, RISEN, tool_of
+from arm_brachy.robot.panda_holder import RISEN, tool_of
+from arm_brachy.robot.probe_arm_params import PERIOD
 from arm_brachy.robot.probe_holder import HolderState
 from arm_brachy.robot.probe_planner import CentrePlanner
 from arm_brachy.robot.scissor_bending import Bending

@@ -15,8 +15,8 @@ import numpy as np
 
 from arm_brachy.core.paths import share_dir
 from arm_brachy.evaluation.result import commit_of, machine_description
-from arm_brachy.robot.panda_holder import PERIOD, PandaHolder
-from arm_brachy.robot.probe_arm_params import ProbeArmParams
+from arm_brachy.robot.panda_holder import PandaHolder
+from arm_brachy.robot.probe_arm_params import PERIOD, ProbeArmParams
 from arm_brachy.robot.probe_holder import Errand, Way
 
 REPEATS, TICKS, PERIODS = 9, 10, 50

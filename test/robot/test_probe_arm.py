@@ -9,7 +9,6 @@ import pytest
 from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.probe_phase import ProbePhase as Phase
-from arm_brachy.robot import panda_holder, probe_arm_params, scissor_holder
 from arm_brachy.robot import panda_parameters as panda
 from arm_brachy.robot.probe_arm import ProbeArm, ProbeArmParams
 from arm_brachy.robot.probe_phases import HELD, RUN, STOP
@@ -403,6 +402,15 @@ def test_a_needle_with_no_skin_over_it_is_named():
     assert (step.phase, step.outcome) == (Phase.HOLD, Outcome.UNREACHABLE)
 
 
+def test_a_hold_over_the_skin_is_not_judged_by_how_deep_the_probe_was_before():
+    top = CENTRE + [0.0, 0.0, RADIUS]
+    cloud = Ball().cloud(np.random.default_rng(1), hole=top)
+    bench = Bench(needle=Needle(speed=0.0, start=-0.002), cloud=cloud)
+    bench.arm._sunk = 2 * PARAMS.search     # as the last contact leaves it
+    step = bench.run(1.0)
+    assert (step.phase, step.outcome) == (Phase.HOLD, Outcome.NO_SURFACE)
+
+
 def test_poses_out_of_reach_are_refused():
     with pytest.raises(InputError, match='out of reach'):
         Bench(replace(PARAMS, base=(1.5, -1.5, 0.0)))
@@ -410,10 +418,6 @@ def test_poses_out_of_reach_are_refused():
     R, p = bench.arm.holder.home
     assert bench.arm.holder.obstacle(R, p) == ''
     assert 'out of reach' in bench.arm.holder.obstacle(R, p + [-0.5, 0.5, 0.0])
-
-
-def test_a_scenario_is_checked_against_the_period_of_the_loops():
-    assert probe_arm_params.PERIOD == panda_holder.PERIOD == scissor_holder.PERIOD
 
 
 def test_nothing_follows_without_tip_skin_or_permission():
