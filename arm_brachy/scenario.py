@@ -342,9 +342,9 @@ def _check_procedure(scenario, scene, place):
 def _check_probe(scenario, place):
     """The arm's loop makes whole periods in a tick, and the supervisor lets it press."""
     if abs(scenario.tick - round(scenario.tick / PERIOD) * PERIOD) * 1e9 > TICK_ROUNDING_NS:
-        raise ConfigError(f"{place('tick_ms')} = {scenario.tick * 1e3:.12g}; must be a whole "
-                          f'number of the {PERIOD * 1e3:g} ms in which the loop of the arm that '
-                          'holds the probe runs')
+        raise ConfigError(f"{place('tick_ms')} = {scenario.tick * 1e3:.12g}; must be a "
+                          f'multiple of {PERIOD * 1e3:g} ms, the period of the control loop of '
+                          'the arm that holds the probe')
     force, most = scenario.probe.force, scenario.limits.probe_force
     if force >= most:
         raise ConfigError(f"{place('probe', 'force_N')} = {force:g}; must be below the {most:g} N "

@@ -211,7 +211,7 @@ WRONG_SCENARIOS = [
     ({'probe': {'force_N': 9}}, r'probe: force_N = 9 with force_most_N = 8; must be less'),
     (procedure(probe={'force_N': 10, 'force_most_N': 12}),
      r':8: probe\.force_N = 10; must be below the 10 N of limits\.probe_force_N'),
-    (procedure(tick_ms=12.5), r':7: tick_ms = 12\.5; must be a whole number of the 1 ms in which'),
+    (procedure(tick_ms=12.5), r':7: tick_ms = 12\.5; must be a multiple of 1 ms, the period'),
 ]
 
 

@@ -18,8 +18,8 @@ from arm_brachy.viewing.server import PageServer
 @click.command()
 @click.argument('bag', type=click.Path(), required=False)
 @click.option('--live', is_flag=True,
-              help='Show the cell that records into BAG, or without BAG the one that runs in the '
-                   'DDS domain $ROS_DOMAIN_ID of this machine, and set its goals.')
+              help='Show the running cell that records into BAG, and set its goals. Without BAG: '
+                   'show the cell in the DDS domain $ROS_DOMAIN_ID of this machine.')
 @click.option('--port', default=0, type=click.IntRange(0, 65535), metavar='N',
               help='Of this machine, 127.0.0.1; default: a free one.')
 @click.option('--browser/--no-browser', default=True, help='Open the page. Default: yes.')
@@ -28,7 +28,7 @@ def view(bag, live, port, browser):
 
     The page is served to this machine alone and asks nobody else for anything. Ctrl-C ends it.
 
-    Of a cell that is running, BAG is how its domain, its namespace and its session key are found.
+    With --live, BAG tells the domain, the namespace and the session key of the running cell.
 
     \b
     Example:

@@ -267,7 +267,7 @@ def procedure_row(numbers):
     n = numbers
     return {
         'outcome': n.outcome, 'duration_s': n.duration, 'insertion_s': n.insertion,
-        'insertion_mm': n.insertion_length * MM,
+        'insertion_length_mm': n.insertion_length * MM,
         'tip_in_plane_percent': 100 * n.in_plane, 'out_of_plane_rms_mm': n.plane_rms * MM,
         'out_of_plane_largest_mm': n.plane_largest * MM,
         'localisation_rms_mm': n.localisation_rms * MM, 'frames_found_percent': 100 * n.found,

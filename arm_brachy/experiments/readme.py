@@ -47,7 +47,7 @@ PROCEDURE_FIGURES = (
     ('torque_mean_Nm', 'joint torques, mean norm [N m]', '', 1),
     ('joint_travel_rad', 'way of the joints [rad]', '', 2),
     ('insertion_s', 'duration of the insertion [s]', '', 1),
-    ('insertion_mm', 'way of the needle under the image [mm]', '', 1))
+    ('insertion_length_mm', 'way of the needle under the image [mm]', '', 1))
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
 
 
