@@ -48,6 +48,7 @@ PROCEDURE_FIGURES = (
     ('joint_travel_rad', 'way of the joints [rad]', '', 2),
     ('insertion_s', 'duration of the insertion [s]', '', 1),
     ('insertion_length_mm', 'way of the needle under the image [mm]', '', 1))
+MARKERS = 19        # of the optical tracker in the headline: all that the thesis places
 SECTION = re.compile(r'(<!-- (\w+): [^>]*-->\n).*?(<!-- end -->)', re.DOTALL)
 
 
@@ -81,10 +82,22 @@ def _headline(results):
     seconds = {name: min(r['cpu_s'] for r in _timed(results)
                          if (r['solver'], r['mesh'], r['element']) == (name, 'small', 'quadratic'))
                for name in ('arm_brachy', 'FElupe + PARDISO')}
+    inside = {r['estimator']: r['mean_error_mm'] for r in _judged(results)
+              if r['markers'] in (0, MARKERS)}
+    in_plane = [r['tip_in_plane_percent'] for r in _load(results, 'chapter-6')['rows']]
     rows = (
         ('Does the closed loop reach its goals? Largest steady-state error of 15 tasks',
          f'{errors["closed"]:.3f} mm; without feedback {errors["open"]:.2f} mm',
          '[thesis](docs/results/thesis.md)'),
+        (f'How well are targets inside located from {MARKERS} surface markers? Mean error of five '
+         'targets',
+         f'{inside["map"]:.2f} mm; KF-ADMM {inside["kf_admm"]:.2f} mm, graph network '
+         f'{inside["graph_vae"]:.2f} mm, model alone {inside["open_loop"]:.2f} mm',
+         '[estimators](docs/results/estimators.md)'),
+        ('Does the ultrasound probe stay on the needle tip? Share of the insertion with the tip '
+         'within 0.5 mm of the image plane',
+         f'{min(in_plane):.1f} to {max(in_plane):.1f} % in five scenarios',
+         '[needle and probe](docs/results/procedures.md)'),
         ('Is the verdict right for three phantoms simulated by independent code? Cases',
          f'{right} of {planned}',
          '[independent recordings](docs/results/laboratories.md)'),
@@ -191,13 +204,16 @@ def _half_cylinder(results):
     return laboratory.markdown(_load(results, half_cylinder.NAME))
 
 
+def _judged(results):
+    """Rows of Table 4.1, one for each estimator and number of markers, without those by plant."""
+    return [r for r in _load(results, 'table-4.1')['rows'] if 'below_open_loop_percent' in r]
+
+
 def _estimators(results):
     lines = ['| estimator | markers | mean error [mm] | at 20 mm pushes [mm] | thesis [mm] | '
              'below open loop [%] | in 95 % ellipsoid [%] | its 95 % interval | '
              'CPU time of a step [ms] |', '|---|---|---|---|---|---|---|---|---|']
-    for r in _load(results, 'table-4.1')['rows']:
-        if 'below_open_loop_percent' not in r:
-            continue
+    for r in _judged(results):
         held = r['in_95_ellipsoid_percent']
         values = (f'`{r["estimator"]}`', str(r['markers'] or '-'), f'{r["mean_error_mm"]:.3f}',
                   f'{r["mean_at_20_mm_pushes_mm"]:.2f}', _number(r['thesis_mean_error_mm'], 'g'),
