@@ -78,6 +78,7 @@ class ProbeSide:
         self._state = state
         self.procedure.hear_needle(NeedleSeen(state.depth))
         self._log.add('needle', t, (state.depth, state.velocity, state.force))
+        self._log.add('roll', t, state.roll)
         self._log.add('tip', t, state.shaft[-1])
         self._log.add('axis', t, state.axes[-1])
         self._log.shafts[t] = state.shaft
@@ -114,6 +115,8 @@ class ProbeSide:
             self._cloud = self.scanner.scan(reading.x)
             self.procedure.hear_surface()
         contact = reading.probe
+        if contact is not None:
+            self._log.add('contact', t, contact.wrench[:3])
         if contact is None or contact.area == 0.0:
             return
         step = self._step

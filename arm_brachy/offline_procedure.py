@@ -27,6 +27,7 @@ def _row(pose):
 
 def _on_needle(tally, topic, t, msg):
     tally.add('needle', t, (msg.position[0], msg.velocity[0], msg.effort[0]))
+    tally.add('roll', t, msg.position[1])
 
 
 def _on_needle_tip(tally, topic, t, msg):
@@ -50,6 +51,10 @@ def _on_true_needle(tally, topic, t, msg):
 
 def _on_true_probe(tally, topic, t, msg):
     tally.add('probe', t, _row(msg.pose))
+
+
+def _on_true_contact(tally, topic, t, msg):
+    tally.add('contact', t, _xyz(msg.wrench.force))
 
 
 def _on_probe(tally, topic, t, msg):
@@ -87,11 +92,12 @@ def procedure_of(get, steps, periods, frames, shafts):
     if not steps:
         return None
     return ProcedureData(
-        steps=tuple(steps), needle=get('needle'), tip=get('tip'), axis=get('axis'),
-        tip_told=get('tip_told'), tip_image=get('tip_image'),
+        steps=tuple(steps), needle=get('needle'), roll=get('roll'), tip=get('tip'),
+        axis=get('axis'), tip_told=get('tip_told'), tip_image=get('tip_image'),
         target_image=get('target_image'), probe=get('probe'),
         probe_told=get('probe_told'), state=get('probe_state'), force=_periods(periods),
-        joints=get('joints'), torque=get('torque'), frames=tuple(frames), shafts=dict(shafts))
+        contact=get('contact'), joints=get('joints'), torque=get('torque'),
+        frames=tuple(frames), shafts=dict(shafts))
 
 
 def _periods(periods):
@@ -147,6 +153,7 @@ HANDLERS = (
     (graph.NEEDLE_TIP, _on_needle_tip), (graph.ULTRASOUND_TIP, _on_image_tip),
     (graph.ULTRASOUND_TARGET, _on_image_target),
     (graph.TRUTH_NEEDLE, _on_true_needle), (graph.TRUTH_PROBE, _on_true_probe),
+    (graph.TRUTH_CONTACT, _on_true_contact),
     (graph.PROBE_POSE, _on_probe), (graph.PROBE_STATE, _on_probe_state),
     (graph.PROBE_JOINTS, _on_joints), (graph.ULTRASOUND_OVERLAY, _on_overlay),
     (graph.PROCEDURE, _on_procedure))

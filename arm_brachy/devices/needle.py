@@ -6,8 +6,14 @@ face; the shaft follows the tip (Webster et al. 2006, Int J Robot Res 25:509, un
 Force along the needle (Okamura, Simone, O'Leary 2004, IEEE Trans Biomed Eng 51:1707):
     f = f_stiffness (before the capsule breaks) or f_cutting + f_friction (after it)
     f_stiffness = k1 d + k2 d^2,  d the dent of the capsule, which breaks at a force
-    f_friction = l (c sign(v) + b v) per length l inside, after Karnopp: within a band of speeds
-    around zero it holds the needle with up to the static force
+    f_friction = l (c sign(v) + b v) over the length l inside, once the needle slides
+Sliding and cutting are the ends of an elastic stretch. The tissue around the shaft is carried
+along until the needle slides, at c, or at the static force within Karnopp's band of speeds around
+zero; so a needle that comes to rest goes on holding the tissue, and one that turns back first
+lets it go (elastic-plastic friction: Dupont, Hayward, Armstrong, Altpeter 2002, IEEE Trans Autom
+Control 47:787). The tissue before the tip deforms until it fractures: a tip at rest stays loaded,
+and its load goes as the needle goes back (deformation and fracture by turns: Mahvash et al. 2008,
+IEEE Trans Biomed Eng 55:848, of scissors).
 """
 
 from dataclasses import dataclass
@@ -16,7 +22,7 @@ import numpy as np
 
 from arm_brachy.core.quantity import quantity
 
-_STICK = 0.5e-3      # m of elastic give of the tissue around a needle that sticks
+_STICK = 0.5e-3      # m that the tissue is carried along until the static friction (own choice)
 _STRAIGHT = 1e-12    # rad, turn of an arc below which it is a line
 
 
@@ -127,13 +133,18 @@ class NeedleForce:
 
     punctured : the capsule is broken;  entry : [m] depth of the needle where it broke
     tip : [N] share of the last force that acts at the tip, the rest along the shaft
+    What is remembered from step to step is how far the tissue is carried by shaft and tip, not
+    how long ago: relaxation of a tissue that is held is the tissue's own, see tissue.viscosity.
+    A tip that is pushed in again cuts again, also where it has been before.
     """
 
     def __init__(self, params):
         """Outside the tissue, capsule whole."""
         self.params = params
         self.punctured, self.entry, self.tip = False, None, 0.0
-        self._held = None       # depth at which the needle has come to rest in the tissue
+        self._depth = None      # of the last step in the tissue
+        self._shear = 0.0       # N/m that the tissue carried along by the shaft answers with
+        self._bite = 0.0        # of the cutting force that the tissue before the tip answers with
 
     def step(self, depth, skin, velocity):
         """Return the force (N) on the needle.
@@ -143,25 +154,24 @@ class NeedleForce:
         """
         p, dent = self.params, depth - skin
         if dent <= 0.0:
-            self.punctured, self._held, self.tip = False, None, 0.0
+            self.punctured, self._depth, self.tip = False, None, 0.0
             return 0.0
         if not self.punctured:
             force = p.dent_linear * dent + p.dent_square * dent**2
             if force < p.puncture:
                 self.tip = force
                 return force
-            self.punctured, self.entry = True, depth
-        inside = depth - skin
-        self.tip = p.cutting if velocity > p.band else 0.0
-        return self.tip + self._friction(inside, depth, velocity)
+            self.punctured, self.entry, self._depth = True, depth, depth
+            self._shear, self._bite = p.coulomb * np.sign(velocity), 1.0
+        way, self._depth = depth - self._depth, depth
+        self._bite = float(np.clip(self._bite + way / _STICK, 0.0, 1.0))
+        self.tip = p.cutting * self._bite
+        return self.tip + dent * self._friction(way, velocity)
 
-    def _friction(self, inside, depth, velocity):
-        p = self.params
-        if abs(velocity) > p.band:
-            self._held = None
-            return inside * (p.coulomb * np.sign(velocity) + p.viscous * velocity)
-        if self._held is None:
-            self._held = depth
-        # The tissue around the shaft gives elastically until the static friction is exceeded.
-        stretch = np.clip((depth - self._held) / _STICK, -1.0, 1.0)
-        return inside * p.static * stretch
+    def _friction(self, way, velocity):
+        """Per length inside [N/m]."""
+        p, rest = self.params, abs(velocity) <= self.params.band
+        most = p.static if rest else p.coulomb
+        self._shear = float(np.clip(self._shear + p.static * way / _STICK, -most, most))
+        friction = self._shear + p.viscous * velocity
+        return float(np.clip(friction, -most, most)) if rest else friction

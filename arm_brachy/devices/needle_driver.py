@@ -176,6 +176,11 @@ class NeedleDriver:
         self._stopped = self._held = self._blocked = False
         self._refusal = ''
 
+    @property
+    def true_radius(self):
+        """[m] of the arc that this needle takes; evaluations may know it, the cell does not."""
+        return self._true.radius
+
     def _insert_into(self, hole, roll):
         self.path = NeedlePath(self._true, hole, self._axis, self._side)
         self._told = _told_path(self.params, hole, self._axis, self._side)

@@ -37,12 +37,14 @@ class ProcedureData:
 
     steps : (t [s], mapping) each time a step began: phase, outcome, plan
     needle : Series of depth, speed, force as measured (n, 3)
+    roll : Series (n,) [rad] of the needle's base
     tip, axis : Series (n, 3) of the true tip, and of the true direction there
     tip_told, tip_image : Series (n, 3) of it by depth and template, and found in the image
     target_image : Series (n, 3) of the target, located in the images
     probe, probe_told : Series (n, 12), rotation row by row and position, true and by encoders
     state : Series (n, 4) of phase, contact, force goal, distance of the tip from the image plane
-    force : Series (n,) contact force of every period of the controller
+    force : Series (n,) contact force of every period of the controller, by its own sensor
+    contact : Series (n, 3) of the true force of the tissue on the probe, every tick
     joints, torque : Series (n, k) of the joints, of an evaluation those that turn
     frames : Frame, a few;  picture : ArmPicture or None
     shafts : t [s] -> (k, 3) [m] of the true needle, template to tip
@@ -51,6 +53,7 @@ class ProcedureData:
 
     steps: tuple = ()
     needle: Series | None = None
+    roll: Series | None = None
     tip: Series | None = None
     axis: Series | None = None
     tip_told: Series | None = None
@@ -60,6 +63,7 @@ class ProcedureData:
     probe_told: Series | None = None
     state: Series | None = None
     force: Series | None = None
+    contact: Series | None = None
     joints: Series | None = None
     torque: Series | None = None
     frames: tuple = ()
@@ -92,3 +96,9 @@ class ProcedureData:
 def vector(text):
     """(3,) from 'x y z'."""
     return np.array([float(word) for word in text.split()])
+
+
+def sampled(series, t):
+    """Values (n, ...) of the last sample at or before each time."""
+    index = np.clip(np.searchsorted(series.t, t + 1e-9, side='right') - 1, 0, len(series.t) - 1)
+    return series.values[index]

@@ -4,12 +4,13 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 
 from arm_brachy.evaluation.deformation import boundary_triangles
-from arm_brachy.evaluation.procedure_data import vector
+from arm_brachy.evaluation.procedure_data import sampled, vector
+from arm_brachy.evaluation.procedure_force import true_force
 from arm_brachy.evaluation.procedure_metrics import (
     IN_PLANE,
     hole_axis,
     out_of_plane,
-    sampled,
+    planned_path,
 )
 from arm_brachy.evaluation.style import (
     BAND,
@@ -38,8 +39,7 @@ def tip_over_depth(data):
     """Where the tip was against plane, image and hole while it went in."""
     window = data.when('inserting')
     tip = data.tip.between(*window)
-    plan = data.plan
-    hole, axis = vector(plan['hole_m']), hole_axis(data)
+    hole, axis = vector(data.plan['hole_m']), hole_axis(data)
     depth = (tip.values - hole) @ axis
     figure = new_figure(9.5, 6.2)
     plane, image, path = figure.subplots(3, 1, sharex=True)
@@ -52,10 +52,8 @@ def tip_over_depth(data):
     off = off - np.multiply.outer(off @ axis, axis)
     path.plot(depth * MM, np.linalg.norm(off, axis=1) * MM, color=TRUTH,
               label="from the hole's axis")
-    planned = vector(plan['tip_m'])
-    end = np.linalg.norm((planned - hole) - ((planned - hole) @ axis) * axis)
-    path.plot([(planned - hole) @ axis * MM], [end * MM], 'o', color=GOAL, fillstyle='none',
-              label='planned at the target')
+    path.plot(depth * MM, np.linalg.norm(planned_path(data, tip.values), axis=1) * MM, '--',
+              color=GOAL, label='of the planned path')
     path.set_ylabel('off axis\n/ mm')
     path.set_xlabel('depth of the tip along the hole / mm')
     for one in (plane, image, path):
@@ -65,7 +63,7 @@ def tip_over_depth(data):
         'The true tip over its depth, during the insertion. Top: its distance from the image '
         f'plane, goal ±{IN_PLANE * MM:g} mm. Middle: tip found in the image, placed by the '
         'encoders of the arm, less the true tip. Bottom: distance of the tip from the axis of its '
-        'hole, which a bevel makes grow, and where the plan had it at the end.'))
+        'hole, which a bevel makes grow, and that of the planned path where it is as deep.'))
 
 
 def _draw_image_error(axes, data, window, hole, axis):
@@ -91,6 +89,9 @@ def contact_force(data):
     every = max(1, len(data.force.t) // FORCE_POINTS)
     force.plot(data.force.t[::every], data.force.values[::every], color=MEASURED, lw=0.7,
                label='measured', rasterized=True)
+    truth = true_force(data)
+    if truth is not None:
+        force.plot(truth.t, truth.values, color=TRUTH, lw=1.0, label='true')
     force.plot(data.state.t, data.state.values[:, 2], color=GOAL, ls='--', lw=1.1, label='goal')
     force.set_ylabel('probe on tissue / N')
     force.legend(loc='center left', ncols=1)
@@ -103,8 +104,9 @@ def contact_force(data):
     depth.set_xlabel('time / s')
     _mark_steps(force, data, data.force.t[-1])
     return Plate('contact_force', figure, (
-        'Top: force of the probe on the tissue as measured at every period of the controller, and '
-        'its goal; the steps of the procedure are named above. Bottom: depth of the needle (blue) '
+        'Top: force of the probe on the tissue as measured at every period of the controller, '
+        "the true one, from which the sensor's zero drifts away, and the goal; the steps of the "
+        'procedure are named above. Bottom: depth of the needle (blue) '
         'and force of the tissue along it (orange), positive against insertion.'))
 
 

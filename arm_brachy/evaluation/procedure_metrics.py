@@ -6,12 +6,12 @@ All distances are of the true tip, all over the step INSERTING unless they say o
     target located   target by its outlines in the images less the true target, over INSERTING
                      and DWELLING
     off axis         distance of the tip from the axis of its hole
+    turns            how often the needle was turned at its base
     insertion length way of the needle by its told depth, first to deepest
     miss             distance of tip and target, mean over DWELLING; across and along the needle
-    force            of every period of the controller, less its goal, from the moment it has
-                     first come within `settled` of it
-    overshoot        largest force from first touch until the probe retracts, less the largest
-                     goal in that time
+    off plan         distance of the tip, at the end, from the planned arc where that is as deep
+    force            see procedure_force; goals are judged by the true one, by the measured one
+                     where a recording has no truth
 Effort of the arm: mean over time of the joint torques' norm, and the path that joints went.
 """
 
@@ -19,7 +19,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from arm_brachy.evaluation.procedure_data import vector
+from arm_brachy.evaluation.procedure_data import sampled, vector
+from arm_brachy.evaluation.procedure_force import force_figures
 from arm_brachy.evaluation.result import Target
 from arm_brachy.evaluation.timeseries import Series
 
@@ -31,9 +32,9 @@ STEADY = 0.01        # N
 LOCALISED = 0.5e-3   # m, rms
 FOUND = 0.95         # share of frames
 FORCE_OVER = 0.3     # N
-SETTLED = 0.3        # N: the force has come within it of its goal
-STEADY_WINDOW = 1.0  # s at the end of the dwell
 FRAME_RATE = 20.0    # Hz, of the imager
+_TURNED = 1e-3       # rad between two samples that make a turn
+_STRAIGHT = 1e-6     # m of deflection, below which a path counts as straight
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class ProcedureMetrics:
     duration: float
     insertion: float
     insertion_length: float
+    turns: float
     in_plane: float
     plane_rms: float
     plane_largest: float
@@ -65,6 +67,10 @@ class ProcedureMetrics:
     force_steady: float
     force_peak: float
     force_overshoot: float
+    true_force_rms: float
+    true_force_steady: float
+    true_force_peak: float
+    true_force_overshoot: float
     torque: float
     joint_travel: float
     needle_peak: float
@@ -79,12 +85,6 @@ def out_of_plane(tip, probe):
     return Series(tip.t, np.einsum('ni,ni->n', pose[:, 1:9:3], tip.values - pose[:, 9:]))
 
 
-def sampled(series, t):
-    """Values (n, ...) of the last sample at or before each time."""
-    index = np.clip(np.searchsorted(series.t, t + 1e-9, side='right') - 1, 0, len(series.t) - 1)
-    return series.values[index]
-
-
 def assess_procedure(data, target):
     """Return ProcedureMetrics.
 
@@ -95,12 +95,12 @@ def assess_procedure(data, target):
     if data.steps:
         values['duration'] = data.steps[-1][0] - data.steps[0][0]
     inserting, dwelling = data.when('inserting'), data.when('dwelling')
-    values |= _overshoot(data)
+    values |= force_figures(data, inserting, dwelling)
     if inserting is not None:
         values['insertion'] = min(inserting[1], data.steps[-1][0]) - inserting[0]
-        values |= _length(data, inserting)
+        values |= _length(data, inserting) | _turns(data, inserting)
         values |= _plane(data, inserting) | _image(data, inserting) | _path(data, inserting)
-        values |= _force(data, inserting, dwelling) | _effort(data, inserting)
+        values |= _effort(data, inserting)
     if dwelling is not None and target is not None:
         values |= _miss(data, target, dwelling)
     if inserting is not None and target is not None:
@@ -112,6 +112,13 @@ def assess_procedure(data, target):
 def _length(data, window):
     depth = np.empty(0) if data.needle is None else data.needle.between(*window).values
     return {'insertion_length': float(depth[:, 0].max() - depth[0, 0])} if len(depth) else {}
+
+
+def _turns(data, window):
+    if data.roll is None:
+        return {}
+    change = np.abs(np.diff(data.roll.between(*window).values))
+    return {'turns': float(np.count_nonzero(change > _TURNED))}
 
 
 def _plane(data, window):
@@ -140,14 +147,30 @@ def _path(data, window):
     plan = data.plan
     if data.tip is None or not plan:
         return {}
-    hole, end = vector(plan['hole_m']), vector(plan['tip_m'])
     tips = data.tip.between(*window)
     if not len(tips.t):
         return {}
-    axis = hole_axis(data)
-    off = np.linalg.norm(_across(tips.values - hole, axis), axis=1)
-    return {'off_axis_largest': float(off.max()), 'off_axis_end': float(off[-1]),
-            'off_plan_end': float(np.linalg.norm(_across(tips.values[-1] - end, axis)))}
+    off = _across(tips.values - vector(plan['hole_m']), hole_axis(data))
+    aside = np.linalg.norm(off, axis=1)
+    end = off[-1] - planned_path(data, tips.values[-1:])[0]
+    return {'off_axis_largest': float(aside.max()), 'off_axis_end': float(aside[-1]),
+            'off_plan_end': float(np.linalg.norm(end))}
+
+
+def planned_path(data, points):
+    """(n, 3) [m] from the axis of the hole to the planned path, level with points (n, 3) [m].
+
+    The plan is one arc that leaves the hole along its axis and ends at the planned tip; beyond
+    that it goes on. Valid while the arc turns by less than a right angle.
+    """
+    hole, axis = vector(data.plan['hole_m']), hole_axis(data)
+    end = vector(data.plan['tip_m']) - hole
+    aside = _across(end, axis)
+    far = np.linalg.norm(aside)
+    if far < _STRAIGHT:
+        return np.zeros_like(points)
+    radius, depth = (end @ end) / (2.0 * far), (points - hole) @ axis
+    return np.multiply.outer(radius - np.sqrt(radius**2 - depth**2), aside / far)
 
 
 def hole_axis(data):
@@ -186,38 +209,6 @@ def _located(data, target, window):
     return {'target_located_rms': _rms(np.linalg.norm(off, axis=1))}
 
 
-def _force(data, inserting, dwelling):
-    if data.force is None or data.state is None:
-        return {}
-    last = inserting[1] if dwelling is None else dwelling[1]
-    force = data.force.between(inserting[0], last)
-    if not len(force.t):
-        return {}
-    error = force.values - sampled(data.state, force.t)[:, 2]
-    there = np.flatnonzero(np.abs(error) <= SETTLED)
-    if not len(there):
-        return {'force_peak': float(np.abs(error).max())}
-    error, t = error[there[0]:], force.t[there[0]:]
-    out = {'force_rms': _rms(error), 'force_peak': float(np.abs(error).max())}
-    if dwelling is not None:
-        calm = t >= min(dwelling[1], t[-1]) - STEADY_WINDOW
-        out['force_steady'] = float(abs(error[calm].mean()))
-    return out
-
-
-def _overshoot(data):
-    approaching, retracting = data.when('approaching'), data.when('retracting')
-    if data.force is None or data.state is None or approaching is None:
-        return {}
-    window = approaching[0], np.inf if retracting is None else retracting[0]
-    state, force = data.state.between(*window), data.force.between(*window)
-    touched = state.values[:, 1] > 0.0
-    if not touched.any():
-        return {}
-    # The goal that a tick ends with: before contact it is of no force yet.
-    return {'force_overshoot': float(force.values.max() - state.values[touched, 2].max())}
-
-
 def _effort(data, window):
     out = {}
     if data.torque is not None:
@@ -246,6 +237,13 @@ def procedure_targets(numbers):
         known = value is not None and np.isfinite(value)
         return Target(name, value, unit, text, bool(met(value)) if known else None)
 
+    truly = np.isfinite(numbers.true_force_rms)
+
+    def force(name, what, goals_text, limit):
+        value = getattr(numbers, ('true_' if truly else '') + name)
+        return goal(f'contact force, {"true" if truly else "as measured"}: {what}', value, 'N',
+                    goals_text, lambda v: v <= limit)
+
     return (
         Target('procedure', numbers.outcome, '1', '= OK', numbers.outcome == 'OK'),
         goal('insertion with the tip within 0.5 mm of the image plane', 100 * numbers.in_plane,
@@ -254,12 +252,10 @@ def procedure_targets(numbers):
              lambda v: v >= 100 * FOUND),
         goal('tip found in the image: rms error', numbers.localisation_rms * MM, 'mm', '<= 0.5',
              lambda v: v <= LOCALISED * MM),
-        goal('contact force: rms error', numbers.force_rms, 'N', '<= 0.1',
-             lambda v: v <= FORCE_RMS),
-        goal('contact force: mean error at the end of the dwell', numbers.force_steady, 'N',
-             '<= 0.01', lambda v: v <= STEADY),
-        goal('contact force: overshoot of its goal, touch to withdrawal', numbers.force_overshoot,
-             'N', '<= 0.3', lambda v: v <= FORCE_OVER))
+        force('force_rms', 'rms error', '<= 0.1', FORCE_RMS),
+        force('force_steady', 'mean error at the end of the dwell', '<= 0.01', STEADY),
+        force('force_overshoot', 'overshoot of its goal, touch to withdrawal', '<= 0.3',
+              FORCE_OVER))
 
 
 def procedure_row(numbers):
@@ -267,7 +263,7 @@ def procedure_row(numbers):
     n = numbers
     return {
         'outcome': n.outcome, 'duration_s': n.duration, 'insertion_s': n.insertion,
-        'insertion_length_mm': n.insertion_length * MM,
+        'insertion_length_mm': n.insertion_length * MM, 'turns': n.turns,
         'tip_in_plane_percent': 100 * n.in_plane, 'out_of_plane_rms_mm': n.plane_rms * MM,
         'out_of_plane_largest_mm': n.plane_largest * MM,
         'localisation_rms_mm': n.localisation_rms * MM, 'frames_found_percent': 100 * n.found,
@@ -277,5 +273,8 @@ def procedure_row(numbers):
         'target_located_rms_mm': n.target_located_rms * MM,
         'force_rms_N': n.force_rms, 'force_steady_N': n.force_steady,
         'force_peak_error_N': n.force_peak, 'force_overshoot_N': n.force_overshoot,
+        'true_force_rms_N': n.true_force_rms, 'true_force_steady_N': n.true_force_steady,
+        'true_force_peak_error_N': n.true_force_peak,
+        'true_force_overshoot_N': n.true_force_overshoot,
         'torque_mean_Nm': n.torque,
         'joint_travel_rad': n.joint_travel, 'needle_force_peak_N': n.needle_peak}

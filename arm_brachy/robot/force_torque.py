@@ -172,16 +172,17 @@ class BiasTracker:
         """load : ToolLoad to start from;  time_constant : [s]"""
         self.load, self._rate = load, period / time_constant
 
-    def step(self, reading, R, gravity, periods=1):
+    def step(self, reading, R, gravity, periods=1, hurry=1.0):
         """Take a reading in the air; the load's bias follows. Returns the force [N] left before.
 
-        periods : that the reading is the mean of, few beside the time constant
+        periods : that the reading is the mean of;  hurry : times as fast as the time constant says
         """
         left = self.load.contact(reading, R, gravity)
         felt = float(np.linalg.norm(left[:3]))
         if felt >= MOST_DRIFT:
             return felt
-        self.load = replace(self.load, bias=self.load.bias + periods * self._rate * left)
+        share = -np.expm1(-periods * hurry * self._rate)
+        self.load = replace(self.load, bias=self.load.bias + share * left)
         return felt
 
 

@@ -168,11 +168,11 @@ class PandaHolder:
             return str(problem)
         return ''
 
-    def weigh(self):
+    def weigh(self, hurry=1.0):
         """See ProbeHolder."""
         R, _ = self._arm.pose(self._simulation.state()[0])
         felt = self._tracker.step(self._memory.reading / self._periods, R, self._arm.gravity,
-                                  self._periods)
+                                  self._periods, hurry)
         self._memory.bias[:] = self._tracker.load.bias
         return felt
 

@@ -35,6 +35,8 @@ _LONGEST_TICK = 1.0                       # s of clock, beyond which the arm's t
 _SLACK = 1e-6                             # s between stamps that count as equal
 _SHALLOWEST = 1e-3                        # m of the tip under the face
 _STILL = np.zeros(3)
+_HURRY = 40.0                             # times faster than at home the zero is taken: 0.05 s
+_SLOW = 5e-3                              # m/s, below which the tool's inertia is no load
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ class ProbeArm:
         self._frozen = self._goal = (self._state.R, self._state.p)
         self._plan, self._entered, self._near = None, Phase.IDLE, False
         self._felt = 0.0         # N on the probe at home, where nothing should touch it
+        self._over = 0.0         # s that the probe has stood over the skin, before it goes down
         self._sunk = 0.0         # m below the skin as planned, when last there was a plan
 
     @property
@@ -171,18 +174,21 @@ class ProbeArm:
         periods, self._t = round((t - start) / PERIOD), t
         self._take_tips(start)
         self._look(start, max(periods, 1) * PERIOD)
-        errand = self._errand()
+        errand = self._errand(max(periods, 1) * PERIOD)
         force = np.empty(0)
         broken = reading is not None and not (np.isfinite(reading.wrench).all()
                                               and np.isfinite(reading.stiffness).all())
         if periods > 0:
             force = self.holder.run(errand, None if broken else reading, periods)
-            self._state = self.holder.state()
+            before, self._state = self._state, self.holder.state()
+            moved = float(np.linalg.norm(self._state.p - before.p))
             if self._state.trip or broken:
                 self._phases.trip(self._state.trip or NOT_A_NUMBER)
                 self._begin()
             elif self._phases.phase is Phase.IDLE:
                 self._felt = self.holder.weigh()
+            elif self._over > 0.0 and not self._near and moved < _SLOW * periods * PERIOD:
+                self.holder.weigh(_HURRY)
         return self._told(t, force)
 
     def _take_tips(self, start):
@@ -247,13 +253,13 @@ class ProbeArm:
         if before is Phase.STOPPED:
             self.holder.clear_trip()
         self._frozen = self._state.R, self._state.p
-        self._near = self._state.in_contact
+        self._near, self._over = self._state.in_contact, 0.0
         if phase is Phase.RETRACT and before is not Phase.IDLE:
             self._phases.clear = False
             self.holder.begin_retreat(self._params.clearance + max(self._sunk, 0.0))
 
-    def _errand(self):
-        """The Errand that belongs to the phase."""
+    def _errand(self, dt):
+        """The Errand that belongs to the phase; dt : [s] of the tick."""
         phase, plan = self._phases.phase, self._plan
         if phase is Phase.STOPPED:
             return Errand(Way.BRAKE, *self._frozen, _STILL, _STILL)
@@ -261,17 +267,19 @@ class ProbeArm:
             goal = self.holder.home if self._phases.clear else self._frozen
             return Errand(Way.POSE if self._phases.clear else Way.RETREAT, *goal, _STILL, _STILL)
         if phase in (Phase.APPROACH, Phase.FOLLOW) and plan is not None and plan.R is not None:
-            return self._following(phase, plan)
+            return self._following(phase, plan, dt)
         way = Way.FORCE if self._state.in_contact else Way.POSE
         return Errand(way, *self._frozen, _STILL, _STILL, force=self._params.force)
 
-    def _following(self, phase, plan):
-        """Over the skin first, then down; in contact with the force."""
+    def _following(self, phase, plan, dt):
+        """Over the skin first, there the zero is taken, then down; in contact with the force."""
         params = self._params
         over = plan.R, plan.p + params.clearance * plan.up
         if phase is Phase.APPROACH and not self._near:
             off, turned = _missing(over, self._state)
-            self._near = off < _NEAR and turned < _TURNED
+            there = off < _NEAR and turned < _TURNED
+            self._near = there and self._over >= params.zeroing - _SLACK
+            self._over = self._over + dt if there else 0.0
         if phase is Phase.APPROACH and not self._near:
             return Errand(Way.POSE, *over, plan.v, plan.w)
         return Errand(Way.FORCE, plan.R, plan.p, plan.v, plan.w, plan.sinking,

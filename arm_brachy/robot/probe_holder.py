@@ -92,9 +92,10 @@ class ProbeHolder(Protocol):
     def obstacle(self, R, p):
         """Why a pose cannot be taken, in one line; '' if it can."""
 
-    def weigh(self):
+    def weigh(self, hurry=1.0):
         """Follow the sensor's zero by the readings of the last tick: nothing touches the probe.
 
+        hurry : times as fast as at home
         Returns how much force [N] there was; from force_torque.MOST_DRIFT on it is not followed.
         """
 

@@ -218,11 +218,11 @@ class ScissorHolder:
             return str(problem)
         return ''
 
-    def weigh(self):
+    def weigh(self, hurry=1.0):
         """See ProbeHolder."""
         memory = self._memory
         felt = self._tracker.step(memory.reading / self._periods, memory.R, self._linkage.gravity,
-                                  self._periods)
+                                  self._periods, hurry)
         memory.bias[:] = self._tracker.load.bias
         return felt
 

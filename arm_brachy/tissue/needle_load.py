@@ -3,7 +3,7 @@
 A law of the needle says f(depth, skin, velocity); the tissue under a force f along the needle
 moves by c f there, so that depth against the tissue, skin and velocity depend on f. The balance
 f = law(f) is found by bisection, since laws jump: where a capsule breaks, and where the needle
-stops (Karnopp). Where it meets a jump, the force is the one between both sides of it.
+starts to slide (Karnopp). Where it meets a jump, the force is the one between both sides of it.
 The unbroken capsule comes first: it breaks only if no force that it bears is in balance.
 Forces are along the needle alone: a needle stiff against bending on a path that is given, whose
 push sideways the tissue does not feel.

@@ -110,16 +110,68 @@ def test_after_puncture_force_grows_with_the_length_inside_and_with_speed():
         assert np.isclose(np.polyval(slope, 0.01), PARAMS.cutting)
 
 
+def went(force, places, speed, skin=0.01):
+    return np.array([force.step(d, skin, speed) for d in places])
+
+
 def test_withdrawing_has_friction_but_no_cutting():
     force, _, _ = pushed(0.01, 0.05)
-    back = force.step(0.05, 0.01, -0.01)
-    assert np.isclose(back, -0.04 * (PARAMS.coulomb + PARAMS.viscous * 0.01))
+    back = went(force, np.linspace(0.05, 0.048, 200), -0.01)
+    assert np.isclose(back[-1], -0.038 * (PARAMS.coulomb + PARAMS.viscous * 0.01))
+    assert force.tip == 0.0
+
+
+def test_at_rest_the_needle_goes_on_holding_the_tissue():
+    """All of the last force but its viscous part stays, and nothing of it fades."""
+    force, at, f = pushed(0.01, 0.05)
+    viscous = (at[-1] - 0.01) * PARAMS.viscous * 0.01
+    rest = went(force, np.full(50, at[-1]), 0.0)
+    assert np.allclose(rest, f[-1] - viscous)
+
+
+def test_force_is_continuous_through_a_stop():
+    """Braking from 5 mm/s to rest in 25 ms: no step of force larger than the way explains."""
+    force, t = pushed(0.005, 0.05)[0], np.arange(0.0, 0.03, 1e-4)
+    speed = np.maximum(0.005 - 0.2 * t, 0.0)
+    depth = 0.05 + np.concatenate([[0.0], np.cumsum(speed[:-1] * 1e-4)])
+    f = np.array([force.step(d, 0.01, v) for d, v in zip(depth, speed, strict=True)])
+    slope = 0.041 * PARAMS.static / 0.5e-3 + PARAMS.static      # N/m: of stretch, and of length
+    steps = slope * np.diff(depth) + 0.041 * PARAMS.viscous * np.abs(np.diff(speed))
+    assert np.all(np.abs(np.diff(f)) <= steps + 1e-9)
+    assert f[-1] > 0.9 * f[0]
+
+
+def test_creeping_and_turning_back_stay_within_the_static_friction():
+    force, at, _ = pushed(0.01, 0.05)
+    creep = PARAMS.band / 2
+    on = went(force, np.arange(0.05, 0.052, 1e-6), creep)
+    back = went(force, np.arange(0.052, 0.049, -1e-6), -creep)
+    again = went(force, np.arange(0.049, 0.052, 1e-6), creep)
+    f = np.concatenate([on, back, again])
+    assert np.all(np.abs(np.diff(f)) < 2e-3)     # 1 um of stretch and of cutting
+    assert np.isclose(on[-1], PARAMS.cutting + 0.042 * PARAMS.static, rtol=1e-3)
+    assert np.isclose(back[-1], -0.039 * PARAMS.static, rtol=1e-3)
+    assert np.isclose(again[-1], on[-1], rtol=1e-3)
+
+
+def test_from_rest_to_sliding_the_force_drops_by_no_more_than_static_less_sliding():
+    for creep, sense in ((0.9, 1.0), (-0.9, -1.0)):
+        force, _, _ = pushed(0.01, 0.05)
+        end = 0.05 + sense * 2e-3
+        stuck = went(force, np.arange(0.05, end, sense * 1e-6), creep * PARAMS.band)[-1]
+        slid = force.step(end, 0.01, 1.1 * sense * PARAMS.band)
+        drop = (end - 0.01) * (PARAMS.static - PARAMS.coulomb)
+        assert 0.0 < sense * (stuck - slid) <= drop
+    for way in (-0.6e-3, -0.3e-3):               # a stretch that is not full: no jump at all
+        force, _, _ = pushed(0.01, 0.05)
+        stuck = went(force, np.linspace(0.05, 0.05 + way, 300), 0.0)[-1]
+        slid = force.step(0.05 + way, 0.01, 1.01 * PARAMS.band)
+        assert np.isclose(slid - stuck, (0.04 + way) * PARAMS.viscous * 1.01 * PARAMS.band)
 
 
 def test_at_rest_the_needle_is_held_up_to_the_static_friction():
     force, _, _ = pushed(0.01, 0.05)
-    assert force.step(0.05, 0.01, 0.0) == 0.0
-    pulled = [force.step(0.05 - d, 0.01, 0.0) for d in np.linspace(0.0, 2e-3, 50)]
+    pulled = went(force, 0.05 - np.linspace(0.0, 2e-3, 50), 0.0)
     assert np.all(np.diff(pulled[:10]) < 0.0)
     assert np.isclose(min(pulled), -0.04 * PARAMS.static, rtol=0.06)
 

@@ -62,6 +62,12 @@ def test_the_length_of_an_insertion_is_the_way_of_the_needle_in_that_step():
     assert numbers.insertion_length == pytest.approx(10e-3, abs=2e-4)
 
 
+def test_turns_are_counted_while_the_needle_goes_in():
+    roll = Series(T, 2.0 * (T > 1.0) + 0.5 * (T > 6.0) - 1.0 * (T > 8.0) + 0.3 * (T > 16.0))
+    assert assess_procedure(replace(run(), roll=roll), None).turns == 2
+    assert np.isnan(assess_procedure(run(), None).turns)
+
+
 def test_miss_is_split_along_and_across_the_needle():
     numbers = assess_procedure(run(), still(0.0, 0.022, 0.001))
     assert numbers.miss_along == pytest.approx(2e-3) and numbers.miss_across == pytest.approx(1e-3)
@@ -92,6 +98,32 @@ def test_overshoot_counts_from_the_first_touch_until_the_probe_retracts():
     assert goal.met is False and goal.value == pytest.approx(1.5)
 
 
+def test_a_goal_of_force_is_judged_by_what_truly_presses():
+    """The probe looks along -z: 3.07 N press up on it while its drifted sensor says 3 N."""
+    pressed = replace(run(), contact=still(0.4, -0.2, 3.07))
+    numbers = assess_procedure(pressed, None)
+    assert numbers.force_steady < 1e-9
+    for name in ('rms', 'steady', 'peak', 'overshoot'):
+        assert getattr(numbers, f'true_force_{name}') == pytest.approx(0.07)
+    rms, steady, over = procedure_targets(numbers)[-3:]
+    assert (rms.met, steady.met, over.met) == (True, False, True)
+    assert steady.value == pytest.approx(0.07) and 'true' in steady.name
+    assert 'as measured' in procedure_targets(assess_procedure(run(), None))[-2].name
+
+
+def test_a_tip_is_off_its_plan_by_what_lies_between_them_at_the_same_depth():
+    """Arc of 400 mm planned to 80 mm; the needle stops short or goes on, on it or beside it."""
+    arc = 0.4 * np.array([1.0 - np.cos(0.2), np.sin(0.2), 0.0])
+    plan = {'hole_m': '0 0 0', 'goal_m': '0 0 0', 'tip_m': ' '.join(f'{v:.12g}' for v in arc)}
+    steps = tuple((t, said | (plan if 'hole_m' in said else {})) for t, said in STEPS)
+    for end, aside in ((0.06, 0.0), (0.09, 0.0), (0.06, 0.7e-3)):
+        s = end * np.clip(T - 5.0, 0.0, 5.0) / 5.0
+        tip = np.column_stack([0.4 * (1.0 - np.cos(s / 0.4)), 0.4 * np.sin(s / 0.4),
+                               aside + 0 * s])
+        numbers = assess_procedure(replace(run(), steps=steps, tip=Series(T, tip)), None)
+        assert numbers.off_plan_end == pytest.approx(aside, abs=1e-9)
+
+
 def test_a_target_located_in_the_images_is_compared_while_the_needle_goes_in_and_rests():
     seen = Series(T, np.tile([0.3e-3, 0.02, 0.0014], (len(T), 1)))
     seen.values[T < 5.0] = 1.0                                  # before the insertion: not counted
@@ -112,4 +144,4 @@ def test_goals_are_met_or_missed_or_cannot_be_judged():
 def test_the_row_has_every_number_with_its_unit():
     row = procedure_row(assess_procedure(run(), still(0, 0.02, 0.001)))
     assert row['tip_in_plane_percent'] == 100.0
-    assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 23
+    assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 28
