@@ -18,22 +18,14 @@ Valid away from singular poses: A is regularised by `singular`, where stiffness 
 """
 
 from collections import namedtuple
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 
 import numba
 import numpy as np
 
 from arm_brachy.core.quantity import quantity
-from arm_brachy.robot import panda_parameters as panda
 from arm_brachy.robot.reference import clipped, rotation_vector
-from arm_brachy.robot.rigid_body import (
-    end_effector,
-    frames,
-    mass_matrix,
-    point_jacobian,
-)
 
-_STILL = np.zeros(3)
 _CLOSEST = 1e-4      # rad, below which a joint limit pushes no harder
 
 
@@ -86,71 +78,6 @@ class ImpedanceParams:
 
 # The same for compiled code, which knows no dataclasses.
 Gains = namedtuple('Gains', [field.name for field in fields(ImpedanceParams)])
-
-
-@dataclass
-class Command:
-    """What the end effector shall do in one period. Base frame, SI.
-
-    R, p, v, w : pose, velocity, angular velocity;  force : [N] along the probe's axis
-    in_contact : True = force along the axis is controlled, False = the pose is in all directions
-    """
-
-    R: np.ndarray
-    p: np.ndarray
-    v: np.ndarray
-    w: np.ndarray
-    force: float = 0.0
-    in_contact: bool = False
-
-
-class ImpedanceController:
-    """Joint torques from joint states and the force on the probe; one call a period.
-
-    arm : rigid_body.Arm with its payload;  params : ImpedanceParams
-    posture : (7,) [rad] that the null space is drawn to
-    """
-
-    def __init__(self, arm, params, posture, period=1e-3):
-        """period : [s] between calls."""
-        self._arm, self._period = arm, period
-        self._gains = Gains(*astuple(params))
-        self._posture = np.array(posture, dtype=float)
-        self._integral, self._observed, self._torque = 0.0, None, None
-        self._limits = panda.JOINT_LIMITS
-
-    def reset(self):
-        """Forget integral and slope of the force error, as when contact is lost."""
-        self._integral, self._observed = 0.0, None
-
-    def step(self, q, dq, force, command):
-        """Return the torques (7,) [N m], limited in size and in rate.
-
-        q, dq : (7,) [rad, rad/s];  force : [N] with which the probe presses, along its axis
-        """
-        arm, limits, gains = self._arm, self._limits, self._gains
-        if command.in_contact:
-            grown = self._integral + gains.force_rate * self._period * (command.force - force)
-            self._integral = min(max(grown, -gains.force_most), gains.force_most)
-        Rs, ps = frames(arm.dh, q)
-        p = end_effector(Rs, ps, arm.tip)
-        J = point_jacobian(Rs, ps, p, len(q))
-        A, D, N = shaped(mass_matrix(Rs, ps, arm.mass, arm.centre, arm.inertia), J, gains)
-        speed = Rs[-1, :, 2] @ (J[:3] @ dq)
-        self._observed = force if self._observed is None else self._observed
-        slope = force_slope(force, self._observed, speed, gains)
-        self._observed += self._period * slope
-        axial = axial_force(command.force, force, self._integral, -slope, speed, gains)
-        wanted = (impedance_torque(J, Rs[-1], p, A, D, N, gains, self._posture, limits.low,
-                                   limits.high, q, dq, command.R, command.p, command.v, command.w,
-                                   _STILL, _STILL, command.in_contact, axial)
-                  + arm.torque(q, dq, np.zeros(len(q))))
-        if self._torque is None:
-            self._torque = arm.gravity_torque(q)
-        change = limits.torque_rate * self._period
-        wanted = np.clip(wanted, self._torque - change, self._torque + change)
-        self._torque = np.clip(wanted, -limits.torque, limits.torque)
-        return self._torque
 
 
 @numba.njit(cache=True)

@@ -17,7 +17,6 @@ from arm_brachy.core.quantity import quantity
 from arm_brachy.robot.panda_parameters import CARTESIAN_LIMITS
 
 _SPREAD = 4.0        # ratio of successive rates: real poles
-_STILL = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -37,30 +36,6 @@ class ReferenceParams:
     def jerk(self):
         """Largest jerk [m/s3], that of the interface."""
         return 0.5 * CARTESIAN_LIMITS.jerk
-
-
-class Reference:
-    """The pose that is led towards a goal, one period at a time."""
-
-    def __init__(self, params, R, p):
-        """Start at rest in R (3, 3), p (3,) [m], base frame."""
-        self._rates, self._limits = lead_limits(params)
-        self.R, self.p = np.array(R, dtype=float), np.array(p, dtype=float)
-        self.v, self.w = np.zeros(3), np.zeros(3)
-        self._a, self._dw = np.zeros(3), np.zeros(3)
-
-    def step(self, R_goal, p_goal, dt, v_goal=_STILL, w_goal=_STILL):
-        """Advance by dt [s] towards the goal pose; new R, p, v [m/s], w [rad/s] in the fields.
-
-        v_goal, w_goal : (3,) velocities with which the goal itself moves, base frame
-        """
-        turn = self.R @ rotation_vector(self.R.T @ R_goal)
-        self.v, self._a = towards(v_goal + self._rates[0] * (p_goal - self.p), self.v, self._a,
-                                  self._rates, self._limits[0], dt)
-        self.w, self._dw = towards(w_goal + self._rates[0] * turn, self.w, self._dw, self._rates,
-                                   self._limits[1], dt)
-        self.p = self.p + dt * self.v
-        self.R = rotation(dt * self.w) @ self.R
 
 
 def lead_limits(params):
