@@ -285,9 +285,13 @@ class Procedure:
             return self._wait(*fault)
         self._waits = None
         behind = -self._probe.out_of_plane
-        if self._lasts_calm(abs(behind) <= _MET):
+        met = abs(behind) <= _MET
+        # In contact for a while, the probe has turned as far as it can: a needle that has not
+        # moved since stays in the plane.
+        if self._lasts_calm(met) or (met and not self._ordered):
             self._enter(Phase.INSERTING)
         elif behind > _MET and self._elapsed > self.params.calm:    # the probe had time to turn
+            self._ordered = True
             depth = min(self._needle.depth + behind, self.plan.depth)
             if self._stopped or abs(depth - self._depth) > _STEP:
                 return [self._drive(depth, self.params.speed)]

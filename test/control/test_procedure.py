@@ -131,7 +131,7 @@ def test_an_undisturbed_procedure_goes_through_every_step_in_order():
 
 
 def test_the_needle_comes_to_a_probe_that_cannot_reach_back_to_its_tip():
-    toy = Toy(overlay=False).run(until=Phase.MEETING)
+    toy = Toy(overlay=False).run(until=Phase.APPROACHING)
     toy.nearest = toy.p[0] + 7e-3
     toy.run(until=Phase.INSERTING)
     assert abs(toy.p[0] - toy.nearest) <= 0.3e-3 + 1e-9
@@ -139,10 +139,22 @@ def test_the_needle_comes_to_a_probe_that_cannot_reach_back_to_its_tip():
     assert toy.procedure.outcome is Outcome.OK
 
 
+def test_a_tip_that_is_in_the_image_plane_already_is_not_waited_for():
+    toy = Toy(overlay=False).run(until=Phase.APPROACHING)
+    behind = Toy(overlay=False).run(until=Phase.APPROACHING)
+    behind.nearest = behind.p[0] + 0.5e-3
+    for one in (toy, behind):
+        one.run(until=Phase.INSERTING)
+    waited = toy.phases.count(Phase.APPROACHING) * TICK - toy.procedure.params.calm
+    assert abs(waited) <= 2.5 * TICK
+    assert Phase.MEETING not in toy.phases
+    assert behind.phases.count(Phase.MEETING) * TICK > 2 * behind.procedure.params.calm
+
+
 def test_contact_lost_on_the_way_to_the_image_plane_stops_the_needle_for_so_long():
-    toy = Toy(overlay=False).run(until=Phase.MEETING)
+    toy = Toy(overlay=False).run(until=Phase.APPROACHING)
     toy.nearest = toy.p[0] + 7e-3
-    toy.run(seconds=1.6)
+    toy.run(until=Phase.MEETING).run(seconds=1.6)
     toy.contact = False
     toy.run(seconds=0.2)
     stopped = toy.depth
@@ -155,8 +167,9 @@ def test_contact_lost_on_the_way_to_the_image_plane_stops_the_needle_for_so_long
 
 
 def test_a_probe_that_never_sees_the_tip_ends_the_procedure_before_the_target():
-    toy = Toy(overlay=False).run(until=Phase.MEETING)
+    toy = Toy(overlay=False).run(until=Phase.APPROACHING)
     toy.nearest = toy.target[0] + 0.05
+    toy.run(until=Phase.MEETING)
     deepest = toy.depth
     while toy.procedure.phase is Phase.MEETING:
         toy.tick()
