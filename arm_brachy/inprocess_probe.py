@@ -181,7 +181,7 @@ class ProbeSide:
             refusal = loop.release()
         elif order.kind is Kind.SCAN:
             self._scan_due = True
-        elif order.kind in (Kind.FOLLOW, Kind.HOLD, Kind.RETRACT):
+        elif order.kind in (Kind.FOLLOW, Kind.RETRACT):
             try:
                 getattr(self.arm, order.kind.name.lower())()
             except CommandRefused as why:

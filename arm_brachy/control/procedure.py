@@ -14,7 +14,8 @@
                  the tip will be, as the images show both (Mallapragada, Sarkar, Podder 2009,
                  IEEE Trans Robot 25:316)
     DWELLING     at the target
-    WITHDRAWING  needle out, RETRACTING probe off, HOMING pads home, FINISHED
+    WITHDRAWING  needle out; the probe goes off the skin once the tip is where it first saw it
+    RETRACTING   probe off, HOMING pads home, FINISHED
 Each step has a time limit. A failure names its outcome once; then needle, probe and pads go back
 in that order, each within its own limit, and what does not move any more is left where it is.
 Nothing is ordered while the safety state is not RUN. No ROS, no clock: time is an argument.
@@ -74,7 +75,6 @@ class Kind(Enum):
     TURN = 'roll [rad]'
     STAY = 'nothing: the needle holds'
     FOLLOW = 'nothing: the probe follows the tip'
-    HOLD = 'nothing: the probe stands still'
     RETRACT = 'nothing: the probe goes off the skin'
     FINISH = 'nothing: all is over'
 
@@ -260,7 +260,7 @@ class Procedure:
         if not self._ordered:
             self._ordered = True
             return [Order(Kind.PLACE, (*self.plan.hole, self.plan.roll)),
-                    self._drive(depth, self.params.withdrawal)]
+                    self._drive(depth, self.params.entry)]
         if self._there(depth):
             self._enter(Phase.APPROACHING)
         return None
@@ -322,7 +322,7 @@ class Procedure:
             self._enter(Phase.WITHDRAWING)
 
     def _withdrawing(self):
-        """The probe follows back to where it first saw the tip, as slowly, then stands still."""
+        """The probe follows back to where it first saw the tip, as slowly, then goes off."""
         orders = []
         seen = self.plan is not None and self._needle.depth >= self.plan.depth - self.params.view
         following = self._probe.phase in (ProbePhase.APPROACH, ProbePhase.FOLLOW)
@@ -331,7 +331,7 @@ class Procedure:
             self._speed_back = speed
             orders.append(self._drive(0.0, speed))
         if following and not seen:
-            orders.append(Order(Kind.HOLD))
+            orders.append(Order(Kind.RETRACT))
         if self._needle.depth < _OUT:
             self._enter(Phase.RETRACTING)
         return orders

@@ -95,8 +95,11 @@ class ProcedureParams:
     near_speed: float = quantity(2.0, 'mm_s', 'of insertion there', low=0.1, high=200.0,
                                  source='own choice: a probe that follows the tip 0.1 s late goes '
                                         'on by 0.2 mm once it stops')
-    withdrawal: float = quantity(20.0, 'mm_s', 'speed of the way out, and of the way to the skin',
-                                 low=0.1, high=200.0, source='own choice')
+    entry: float = quantity(20.0, 'mm_s', 'speed of the way to where the probe sees the tip first',
+                            low=0.1, high=200.0, source='own choice')
+    withdrawal: float = quantity(40.0, 'mm_s', 'speed of the way out, the probe off', low=0.1,
+                                 high=200.0, source='a third of the 123 mm/s mean of clinical '
+                                                    'maxima of needle speed')
     dwell: float = quantity(2.0, 's', 'that the needle stays at the target', low=0.0, high=600.0,
                             source='own choice: longer than the relaxation of the tissue')
     lost: float = quantity(2.0, 'mm', 'distance of the tip from the image plane at which the '

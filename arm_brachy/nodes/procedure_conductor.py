@@ -14,8 +14,7 @@ from arm_brachy.nodes import convert
 from arm_brachy_msgs.msg import ActuatorCommand, TaskState
 from arm_brachy_msgs.srv import SetGoal
 
-TRIGGERS = {Kind.SCAN: 'surface_scanner/scan', Kind.HOLD: 'probe_controller/hold',
-            Kind.RETRACT: 'probe_controller/retract'}
+TRIGGERS = {Kind.SCAN: 'surface_scanner/scan', Kind.RETRACT: 'probe_controller/retract'}
 HOLE_NAMES = ('hole_x', 'hole_y', 'hole_z', 'roll')
 
 
@@ -29,7 +28,7 @@ class ProcedureConductor:
          procedure/state DiagnosticArray   at every new step: plan and outcome
          cell/task       TaskState         while the pads move the target, and at the end
     calls mpc_manipulator/set_goal, /abort, actuator_driver/home, surface_scanner/scan,
-          probe_controller/follow, /hold, /retract
+          probe_controller/follow, /retract
     """
 
     def __init__(self, setup, ticker, calls, health, task_pub):

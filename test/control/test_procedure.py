@@ -110,8 +110,6 @@ class Toy:
             self.drive = (self.depth, 1.0)
         elif kind is Kind.FOLLOW:
             self.probe = 3 if 'probe' in self.broken else 2
-        elif kind is Kind.HOLD:
-            self.probe = 3
         elif kind is Kind.RETRACT:
             self.probe = 0
 
