@@ -30,6 +30,7 @@ NODES = (
     'cell_viewer',
     'live_view',
     'release_client',
+    'goal_client',
     'abuse_bench',
     'supervisor',
 )

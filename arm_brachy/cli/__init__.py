@@ -37,6 +37,7 @@ COMMANDS = {  # name -> (module:object, first line of its help)
     'rcm': ('rcm:rcm', 'Pose, stiffness and isotropy of the scissor probe holder.'),
     'release': ('release:release', 'End an emergency stop of the running cell that records into '
                 'BAG.'),
+    'goal': ('goal:goal', 'Bring TARGET to a point, in the running cell that records into BAG.'),
     'abuse': ('abuse:abuse',
               'Do faults to the cell and check that nothing moves that may not.'),
     'terms': ('tables:terms', 'Print the table of physics terms, or all about one of them.'),

@@ -11,7 +11,7 @@ from arm_brachy.control.safety import Permission
 from arm_brachy.control.sequencer import at_home
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
-from arm_brachy.core.session import RUN_AGAIN
+from arm_brachy.core.session import RESUME_OR_CALL, RUN_AGAIN
 
 # A pad further than this [m] from where a leg ended was refused or blocked, and its move is not
 # made. Own choice: play, lost steps and lag of a working drive stay below it.
@@ -134,7 +134,7 @@ class PushProtocol:
             self._held |= self.stage in (Stage.MOVING, Stage.HOMING)
             return f'the safety state is {self._permission.name} ({self._reason})'
         if self._held:
-            return 'interrupted; call push_protocol/resume to go on'
+            return f'interrupted; to go on: {RESUME_OR_CALL}'
         if self.stage in (Stage.AWAITING_HOME, Stage.HOMING) and not (home or self._due):
             return 'the pads are not at home'
         return ''

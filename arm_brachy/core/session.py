@@ -29,6 +29,10 @@ TICKET_LIFE_S = 60.0     # of a release: long enough to carry it to a service by
 RUN_AGAIN = ('arm-brachy release BAG; in a cell without a key supervisor/reset, after a STOP also '
              'actuator_driver/release')
 
+# The same for moves of a scenario that were interrupted.
+RESUME = 'arm-brachy release BAG --resume'
+RESUME_OR_CALL = f'{RESUME}; in a cell without a key push_protocol/resume'
+
 
 class SealError(Exception):
     """Why a message is not from this cell, in a few words."""

@@ -56,7 +56,8 @@ class GoalProof:
         self._announced = {a: t for a, t in self._announced.items() if t >= begin}
         if self._announced.pop(action_of(self._full, request), None) is None:
             return (f'{self._full} needs the session key: in a cell that is running, arm-brachy '
-                    'view BAG --live sets goals')
+                    f'goal BAG {request.target} --x MM sets a goal, and so does the page of '
+                    'arm-brachy view BAG --live')
         return ''
 
 

@@ -15,6 +15,7 @@ from arm_brachy.core.session import Session
 from arm_brachy.nodes import convert, convert_viewing, parameters
 from arm_brachy.nodes.keyed_goal import KeyedGoals
 from arm_brachy.nodes.keyed_trigger import KeyedClient
+from arm_brachy.nodes.names import targets_of, topic_names
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import call_every, listen_to
@@ -25,7 +26,6 @@ from arm_brachy_msgs.srv import SetGoal
 PATIENCE_S = 10.0       # with the answer of a service
 LOOK_S = 1.0            # between two looks at who publishes what
 MM = 1e-3
-TARGETS = (graph.EM_POSE, *graph.ESTIMATES)     # whose last or middle part names a target
 ORDERS = {'hold': ('mpc_manipulator/hold',), 'stop': ('supervisor/emergency_stop',),
           'home': ('mpc_manipulator/abort', 'actuator_driver/home')}
 KEYED = ('actuator_driver/home',)      # of them, what a cell with a key does for a ticket alone
@@ -71,7 +71,7 @@ class LiveViewNode(Node):
 
     def _look(self):
         """Listen to the force of every pad that somebody measures."""
-        for name in self._names():
+        for name in topic_names(self):
             if graph.WRENCH.matches(name) and name not in self._heard:
                 self._heard.add(name)
                 pad = name.split('/')[1]
@@ -79,20 +79,8 @@ class LiveViewNode(Node):
                     'force of the tissue / N', pad, np.linalg.norm(convert.xyz(msg.wrench.force))),
                     lockstep=False)
 
-    def _names(self):
-        """Topics of the cell, without its namespace."""
-        prefix = self.get_namespace().rstrip('/') + '/'
-        return [name.removeprefix(prefix) for name, _ in self.get_topic_names_and_types()
-                if name.startswith(prefix)]
-
-    def _targets(self):
-        """Names of the targets that somebody tracks or estimates, sorted."""
-        names = self._names()
-        return sorted({name.split('/')[1 if topic is graph.EM_POSE else 2]
-                       for name in names for topic in TARGETS if topic.matches(name)})
-
     def _page(self, query):
-        page = live_page(self._targets(), self._server.token)
+        page = live_page(targets_of(self), self._server.token)
         return Answer('text/html; charset=utf-8', page.encode())
 
     def _note(self, plot, line, value):

@@ -14,7 +14,8 @@ from arm_brachy.nodes import convert
 from arm_brachy_msgs.msg import ActuatorCommand, TaskState
 from arm_brachy_msgs.srv import SetGoal
 
-TRIGGERS = {Kind.SCAN: 'surface_scanner/scan', Kind.RETRACT: 'probe_controller/retract'}
+TRIGGERS = {Kind.RETRACT: 'probe_controller/retract'}
+KEYED = {Kind.SCAN: 'surface_scanner/scan', Kind.FOLLOW: 'probe_controller/follow'}
 HOLE_NAMES = ('hole_x', 'hole_y', 'hole_z', 'roll')
 
 
@@ -40,10 +41,10 @@ class ProcedureConductor:
         self._goal = calls.goals(setup.session)
         self._abort = calls.client(Trigger, 'mpc_manipulator/abort')
         self._home = calls.keyed(setup.session, 'actuator_driver/home').call_async
-        follow = calls.keyed(setup.session, 'probe_controller/follow').call_async
-        self._triggers = {Kind.FOLLOW: follow, **{
-            kind: partial(calls.client(Trigger, name).call_async, Trigger.Request())
-            for kind, name in TRIGGERS.items()}}
+        self._triggers = {
+            **{kind: calls.keyed(setup.session, name).call_async for kind, name in KEYED.items()},
+            **{kind: partial(calls.client(Trigger, name).call_async, Trigger.Request())
+               for kind, name in TRIGGERS.items()}}
         self._needle_pub = ticker.publisher(graph.NEEDLE_COMMAND)
         self._state_pub = ticker.publisher(graph.PROCEDURE)
         self._estimate = graph.estimate(scenario.feedback).at(

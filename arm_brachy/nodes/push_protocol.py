@@ -1,14 +1,15 @@
 """ROS 2 shell of the probing protocol: the scenario's moves as pad commands."""
 
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from arm_brachy import cell, graph
 from arm_brachy.control.push_protocol import Action
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.session import RESUME
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.keyed_trigger import KeyedTrigger
 from arm_brachy.nodes.permission import PermissionWatch
 from arm_brachy.nodes.progress import Progress
 from arm_brachy.nodes.service_calls import ServiceCalls
@@ -23,7 +24,7 @@ class PushProtocolNode(Node):
          cell/safety        SafetyState      all but RUN, or (wall pace) silence, interrupts
     out  actuators/command  ActuatorCommand  every tick while the moves are made
          cell/task          TaskState        every phase of every move
-    srv  ~/resume Trigger, after an interruption
+    srv  ~/resume Trigger, after an interruption; in a cell with a key for a resume_ticket
     calls actuator_driver/home
     par  scenario
     """
@@ -47,7 +48,7 @@ class PushProtocolNode(Node):
         self._health = Health(self, ticker, self._frame)
         for topic in graph.PUSH_PROTOCOL.subscribes:
             ticker.subscribe(topic)
-        self.create_service(Trigger, '~/resume', self._on_resume)
+        self.resume = KeyedTrigger(self, setup.session, 'resume', self._resume, hint=RESUME)
         ticker.start()
 
     def _work(self, tick, t_ns, inputs):
@@ -99,13 +100,9 @@ class PushProtocolNode(Node):
         self._home_client.call_async().add_done_callback(answered)
         return finished
 
-    def _on_resume(self, request, response):
-        try:
-            self._protocol.resume()
-            response.success, response.message = True, 'going on'
-        except CommandRefused as refusal:
-            response.success, response.message = False, str(refusal)
-        return response
+    def _resume(self):
+        self._protocol.resume()
+        return 'going on'
 
 
 def main(args=None):

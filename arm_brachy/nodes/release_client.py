@@ -14,14 +14,17 @@ from arm_brachy.nodes.keyed_trigger import ticket_request
 from arm_brachy.nodes.spin import spin_node
 
 PATIENCE_S = 10.0      # for a service to be found and to answer
+RESUME_PATIENCE_S = 2.0    # for push_protocol to hear of the reset
 DRIVERS = (graph.ACTUATOR_DRIVER, graph.NEEDLE_DRIVER, graph.PROBE_CONTROLLER)
 
 
 class ReleaseClient(Node):
     """Resets the supervisor, then releases every driver that is there, each by a ticket.
 
-    calls set_parameters of the supervisor and of every driver, with a ticket
-    par   session_key (required)
+    Then, where asked to, it resumes the moves that the scenario prescribes.
+
+    calls set_parameters of the supervisor, of every driver and of push_protocol, with a ticket
+    par   session_key (required), resume
     """
 
     def __init__(self, **kwargs):
@@ -31,6 +34,7 @@ class ReleaseClient(Node):
             raise ConfigError('release_client: parameter session_key is missing; give -p '
                               'session_key:=<bag>.key')
         self._session = Session.load(path)
+        self._resumes = parameters.flag(self, 'resume', False, 'interrupted moves go on')
 
     def release(self):
         """Do it. Raises ArmBrachyError with the first refusal."""
@@ -39,6 +43,8 @@ class ReleaseClient(Node):
         for driver in DRIVERS:
             if self._parameters_of(driver) in there:
                 self._act(driver, 'release', patience=PATIENCE_S)
+        if self._resumes:
+            self._act(graph.PUSH_PROTOCOL, 'resume', patience=RESUME_PATIENCE_S)
 
     def _parameters_of(self, node):
         return self.resolve_service_name(f'{node.name}/set_parameters')

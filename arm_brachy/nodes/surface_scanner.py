@@ -2,11 +2,11 @@
 
 import numpy as np
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from arm_brachy import cell, graph
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
+from arm_brachy.nodes.keyed_trigger import KeyedTrigger
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
 
@@ -16,7 +16,8 @@ class SurfaceScannerNode(Node):
 
     in   truth/mesh/topology, truth/mesh/positions
     out  surface/cloud  PointCloud2  latched; stamp = of the body
-    srv  ~/scan         Trigger      the cloud comes with the next tick
+    srv  ~/scan         Trigger      the cloud comes with the next tick; in a cell with a key for
+                        a scan_ticket, since the probe follows the skin
     par  scenario
     """
 
@@ -32,13 +33,13 @@ class SurfaceScannerNode(Node):
         self._health = Health(self, ticker, self._frame)
         for topic in graph.SURFACE_SCANNER.subscribes:
             ticker.subscribe(topic)
-        self.create_service(Trigger, '~/scan', self._on_scan)
+        self.scan = KeyedTrigger(self, setup.session, 'scan', self._scan,
+                                 hint="the cell's own operator scans, nobody else")
         ticker.start()
 
-    def _on_scan(self, request, response):
+    def _scan(self):
         self._asked = True
-        response.success, response.message = True, 'the cloud comes with the next tick'
-        return response
+        return 'the cloud comes with the next tick'
 
     def _work(self, tick, t_ns, inputs):
         for msg in inputs[graph.TRUTH_POSITIONS.name]:

@@ -1,6 +1,10 @@
 """Services and action of the manipulator, live at wall pace; a bench plays encoders and EM."""
 
+import os
+import signal
+import subprocess
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,13 +14,16 @@ from geometry_msgs.msg import Point, PoseStamped
 from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from arm_brachy import graph
+from arm_brachy.core.errors import ArmBrachyError, InputError, Interrupted
 from arm_brachy.core.scene import load_scene
 from arm_brachy.core.session import Session
 from arm_brachy.nodes import convert
+from arm_brachy.nodes.goal_client import GoalClient
 from arm_brachy.nodes.keyed_goal import action_of
 from arm_brachy.nodes.keyed_trigger import ticket_request
 from arm_brachy.nodes.mpc_manipulator import MpcManipulatorNode
@@ -31,11 +38,12 @@ pytestmark = [pytest.mark.ros, pytest.mark.wall]
 class Rig(Node):
     """Encoders at `q`, the target where it rests; keeps commands and states of the controller.
 
-    permission : what it says as supervisor, None = nothing
+    permission : what it says as supervisor, None = nothing;  session : whose seal that carries
     """
 
-    def __init__(self, target, position, pads):
-        super().__init__('rig')
+    def __init__(self, target, position, pads, session=None, **kwargs):
+        super().__init__('rig', **kwargs)
+        self.session = session
         self.names, self.q = pads, np.zeros(len(pads))
         self.position, self.blind, self.permission = np.array(position), False, SafetyState.RUN
         self.commands, self.states = [], []
@@ -50,6 +58,13 @@ class Rig(Node):
                                      offered(topic))
         self.create_timer(0.025, self._play)
 
+    def after(self, seconds, action):
+        """Do something once, while somebody else spins."""
+        def act():
+            timer.cancel()
+            action()
+        timer = self.create_timer(seconds, act)
+
     def _play(self):
         now = self.get_clock().now().nanoseconds
         # not in the order of the scene: names say what is what
@@ -57,8 +72,10 @@ class Rig(Node):
                                           name=self.names[::-1],
                                           position=convert.floats(self.q[::-1])))
         if self.permission is not None:
-            self._safety.publish(SafetyState(header=convert.header(now, 'cell_base'),
-                                             state=self.permission, reason='says the rig'))
+            said = SafetyState(header=convert.header(now, 'cell_base'), state=self.permission,
+                               reason='says the rig')
+            self._safety.publish(said if self.session is None else self.session.seal(
+                self._safety.topic_name, serialize_message(said), time.time_ns()))
         if not self.blind:
             pose = PoseStamped(header=convert.header(now, 'cell_base'))
             pose.pose.position = convert.point(self.position)
@@ -326,3 +343,97 @@ def test_a_move_ends_with_the_word_of_the_supervisor_or_with_its_time(rig, moves
     assert rig.watch(future.done)
     assert future.result().status == GoalStatus.STATUS_ABORTED
     assert 'says the rig' in future.result().result.message
+
+
+@pytest.fixture(scope='module')
+def keyed(short_scenario, live_scenario, tmp_path_factory, cell):
+    """A Rig and a manipulator with a key, in a namespace; whoever spins spins them, too."""
+    bag = tmp_path_factory.mktemp('keyed') / 'bag'
+    session = Session.create(f'{bag}.key', os.environ['ROS_DOMAIN_ID'], 'bench')
+    node = MpcManipulatorNode(parameter_overrides=[Parameter(k, value=v) for k, v in {
+        'scenario': str(live_scenario()), 'pace': 'wall', 'session_key': f'{bag}.key',
+        'peers': ['mpc_manipulator', 'actuator_driver', 'em_tracker', 'supervisor']}.items()],
+        namespace='bench')
+    rig = Rig('target_1', cell.position, cell.names, session, namespace='bench')
+    rig.bag, executor = bag, rclpy.get_global_executor()
+    for one in (node, rig):
+        executor.add_node(one)
+    assert cell.watch(lambda: len(rig.states) > 20, 60)
+    yield rig
+    for one in (node, rig):
+        executor.remove_node(one)
+        one.destroy_node()
+
+
+@pytest.fixture
+def client(keyed):
+    """Callable: the goal client in this process, until it ends; Ctrl-C is as before after it."""
+    before = {s: signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)}
+    start, made = keyed.position, []
+    keyed.call(Trigger, 'mpc_manipulator/abort', Trigger.Request())
+    keyed.watch(lambda: False, 1.2)     # its mean of a second is that of a standing target
+
+    def pursue(**given):
+        made.append(GoalClient(parameter_overrides=[Parameter(k, value=v) for k, v in {
+            'session_key': f'{keyed.bag}.key', 'target': 'target_1', 'axes': 'x', 'x_mm': -2.0,
+            **given}.items()], namespace='bench'))
+        made[-1].pursue()
+    yield pursue
+    keyed.position = start
+    for one in made:
+        one.destroy_node()
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_a_person_with_the_key_sets_a_goal_and_is_told_of_its_end(keyed, client, capsys):
+    def arrive():
+        keyed.position = keyed.position - np.array([2e-3, 0.0, 0.0])
+    keyed.after(2.0, arrive)
+    client(settle_s=0.3)
+    first, *others, last = capsys.readouterr().out.splitlines()
+    assert 'goal accepted, error x -2.0' in first and 'error x -2.0' in others[0]
+    assert 'target_1: reached: error x' in last and 'dead band for 0.3 s' in last
+
+
+def test_a_goal_that_is_not_reached_says_why(keyed, client):
+    with pytest.raises(ArmBrachyError, match='not reached within 0.5 s; error x -') as ended:
+        client(timeout_s=0.5)
+    assert ended.value.exit_status == 1
+    with pytest.raises(InputError, match='target_9'):
+        client(target='target_9')
+
+
+def test_ctrl_c_cancels_the_goal(keyed, client):
+    keyed.after(1.0, lambda: os.kill(os.getpid(), signal.SIGINT))
+    with pytest.raises(Interrupted, match='cancelled; the pads stay'):
+        client()
+    assert not keyed.states[-1].active or keyed.watch(lambda: not keyed.states[-1].active)
+
+
+def test_another_goal_and_the_end_of_the_cell_end_it(keyed, client, tmp_path):
+    """A stranger's service call is refused, and says what a person does."""
+    refusals = []
+    stranger = keyed.create_client(SetGoal, 'mpc_manipulator/set_goal')
+    keyed.after(0.5, lambda: stranger.call_async(SetGoal.Request(
+        target='target_1', relative=True, axes=X)).add_done_callback(
+            lambda f: refusals.append(f.result().message)))
+    keyed.after(1.0, lambda: Path(f'{keyed.bag}.key').rename(tmp_path / 'key'))
+    with pytest.raises(ArmBrachyError, match='the cell has ended'):
+        client()
+    (tmp_path / 'key').rename(f'{keyed.bag}.key')
+    assert 'arm-brachy goal BAG target_1' in refusals[0]
+
+
+def test_the_command_finds_the_cell_by_its_bag(keyed, client, command):
+    """Its own process; asked for another target and a place out of reach of these pads."""
+    process = subprocess.Popen([command, 'goal', keyed.bag, 'target_1', '--z', '-10'], text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    keyed.states.clear()
+    assert keyed.watch(lambda: any(s.active for s in keyed.states)
+                       or process.poll() is not None, 40)
+    process.send_signal(signal.SIGINT)
+    assert keyed.watch(lambda: process.poll() is not None, 20)
+    out, error = process.communicate()
+    assert process.returncode == 130 and 'error: target_1: cancelled' in error, error
+    assert 'target_1: goal accepted, error z -10.0' in out

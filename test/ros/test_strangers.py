@@ -21,8 +21,10 @@ from arm_brachy import graph
 from arm_brachy.core.session import Session
 from arm_brachy.nodes import convert
 from arm_brachy.nodes.actuator_driver import ActuatorDriverNode
-from arm_brachy.nodes.keyed_trigger import KeyedClient
+from arm_brachy.nodes.keyed_trigger import KeyedClient, ticket_request
+from arm_brachy.nodes.push_protocol import PushProtocolNode
 from arm_brachy.nodes.supervisor import SupervisorNode
+from arm_brachy.nodes.surface_scanner import SurfaceScannerNode
 from arm_brachy.nodes.ticker import message_type, offered
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState, TickDone
 
@@ -294,3 +296,26 @@ def test_a_stranger_among_the_commanders_is_named(bench):
     assert bench.watch(named, 5)
     stranger.destroy_publisher(pub)
     stranger.destroy_node()
+
+
+@pytest.mark.parametrize(('kind', 'scenario', 'action', 'said'), [
+    (SurfaceScannerNode, 'procedure_short.yaml', 'scan', "cell's own operator"),
+    (PushProtocolNode, 'probe_short.yaml', 'resume', 'arm-brachy release BAG --resume')])
+def test_a_scan_and_interrupted_moves_need_the_key(cell, tmp_path, kind, scenario, action, said):
+    """A scan is what the probe follows, and a move that goes on moves pads."""
+    sessions = [Session.create(tmp_path / f'{name}.key') for name in ('bag', 'other')]
+    node = kind(namespace='apart', parameter_overrides=[Parameter(k, value=v) for k, v in {
+        'scenario': str(Path(__file__).with_name(scenario)), 'pace': 'wall', 'peers': [''],
+        'session_key': str(tmp_path / 'bag.key')}.items()])
+    try:
+        answer = getattr(node, action)._on_call(Trigger.Request(), Trigger.Response())
+        assert not answer.success and 'needs the session key' in answer.message
+        assert said in answer.message
+
+        def given(session):
+            ticket = ticket_request(session, f'/apart/{node.get_name()}/{action}').parameters[0]
+            return node.set_parameters([Parameter.from_parameter_msg(ticket)])[0]
+        assert 'another session' in given(sessions[1]).reason
+        assert 'session' not in given(sessions[0]).reason
+    finally:
+        node.destroy_node()
