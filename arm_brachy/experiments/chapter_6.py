@@ -99,7 +99,7 @@ def _run(trial, out_dir):
     write_report(data, numbers, Path(out_dir) / f'report_{name}.html')
     row = {'scenario': trial.scenario, 'needle': trial.needle, 'seed': cell.scenario.seed,
            'hole': ' '.join(str(n) for n in cell.scenario.procedure.hole),
-           'radius_mm': 1e3 * cells.build_needle(cell).true_radius,
+           'radius_mm': float(1e3 * cells.build_needle(cell).true_radius),
            'holder': cell.scenario.probe.probe_holder, 'strategy': data.procedure.strategy,
            'overlay': data.procedure.overlay, 'run_as': trial.scenario,
            **procedure_row(numbers.procedure), 'published_tip_to_target_mm': PUBLISHED}

@@ -59,10 +59,11 @@ class ProbeArmParams:
                                      source='own choice: 0.3 N in a tick on 300 N/m')
     clearance: float = quantity(30.0, 'mm', 'off the skin, before contact and after', low=5.0,
                                 high=200.0, source='own choice: above breathing and its error')
-    zeroing: float = quantity(0.2, 's', 'over the skin before contact, in which the zero of the '
+    zeroing: float = quantity(0.3, 's', 'over the skin before contact, in which the zero of the '
                               'sensor is taken once more', low=0.0, high=10.0,
-                              source='own choice: four times the time in which a drift of 0.1 N a '
-                                     'minute outgrows noise of 0.02 N at 1 kHz')
+                              source='own choice: 0.1 s to come to rest, and four times the 50 '
+                                     'ms in which a drift of 0.1 N a minute outgrows noise of '
+                                     '0.02 N at 1 kHz')
     search: float = quantity(15.0, 'mm', 'below the expected skin until contact is given up',
                              low=1.0, high=100.0, source='own choice: what pads move the skin')
     touch: float = quantity(0.3, 'N', 'that is contact', low=0.05, high=5.0,

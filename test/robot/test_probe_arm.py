@@ -234,6 +234,20 @@ def test_every_limit_of_the_interface_is_kept_in_every_period(run, request):
     assert np.all(np.abs(np.diff(torque, axis=0)) <= limits.torque_rate * period * (1 + 1e-9))
 
 
+def test_a_zero_that_moved_on_the_way_is_taken_once_more_over_the_skin():
+    """0.5 N since the arm left home: what truly presses is off by next to nothing of it."""
+    quiet = replace(PARAMS, sensor=replace(PARAMS.sensor, drift=0.0))
+    bench = Bench(quiet, needle=Needle(speed=0.0, start=-0.01))
+    bench.run(0.3)
+    bench.arm.holder._sensor._bias[2] += 0.5
+    step = bench.run(3.5)
+    assert step.in_contact
+    pressed = [-bench.ball.answer(s.t, s.R_true, s.p_true).wrench[:3] @ s.R_true[:, 2]
+               for s in bench.steps[-10:]]
+    assert abs(np.mean(pressed) - GOAL) < 0.03
+    bench.arm.close()
+
+
 def test_on_a_still_body_the_force_settles_and_after_a_loss_contact_comes_back():
     bench = Bench(needle=Needle(speed=0.0, start=-0.01))
     bench.run(5.0)
