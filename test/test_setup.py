@@ -93,6 +93,40 @@ def test_a_moved_environment_is_not_trusted(bootstrap):
     assert bootstrap.read_stamp() == {}
 
 
+def test_uv_finds_packages_where_pip_as_configured_does(bootstrap):
+    listed = """:env:.find-links='/media/wheels /srv/wheels'
+global.cert='/etc/ssl/ours.pem'
+global.extra-index-url='https://a.example/simple\\nhttps://b.example/simple'
+global.find-links='/opt/wheels'
+global.index-url='https://elsewhere.example/simple'
+global.no-cache-dir='true'
+install.index-url='https://mirror.example/simple'
+"""
+    assert bootstrap.pip_settings(listed) == {
+        'UV_FIND_LINKS': '/media/wheels,/srv/wheels', 'SSL_CERT_FILE': '/etc/ssl/ours.pem',
+        'UV_INDEX': 'https://a.example/simple https://b.example/simple',
+        'UV_DEFAULT_INDEX': 'https://mirror.example/simple'}
+    assert bootstrap.pip_settings('') == {}
+
+
+def test_what_is_set_for_uv_goes_before_what_is_set_for_pip(bootstrap, monkeypatch):
+    monkeypatch.setattr(bootstrap, 'PYTHON', sys.executable)
+    monkeypatch.setenv('PIP_INDEX_URL', 'https://mirror.example/simple')
+    assert bootstrap.uv_settings()['UV_DEFAULT_INDEX'] == 'https://mirror.example/simple'
+    monkeypatch.setenv('UV_DEFAULT_INDEX', 'https://other.example/simple')
+    assert bootstrap.uv_settings()['UV_DEFAULT_INDEX'] == 'https://other.example/simple'
+
+
+def test_a_package_that_is_not_to_be_had_is_named_with_the_reason(bootstrap, monkeypatch, capsys):
+    said = ('error: Failed to fetch: https://mirror.example/simple/numpy/\n'
+            '  cause: tcp connect error\n  cause: Connection refused')
+    monkeypatch.setattr(bootstrap, 'STEPS', [('A', (), lambda: bootstrap.run(
+        sys.executable, '-c', f'import sys; sys.exit({said!r})'))])
+    assert bootstrap.main() == 2
+    assert ('error: Failed to fetch: https://mirror.example/simple/numpy/; cause: tcp connect '
+            'error; cause: Connection refused (all of it') in capsys.readouterr().err
+
+
 @pytest.mark.parametrize('absent, package', [
     ({'cmake'}, 'cmake'), ({'cc'}, 'build-essential'), ({'c++'}, 'build-essential'),
     ({'ninja', 'make'}, 'ninja-build'), ({'cmake', 'cc', 'c++'}, 'build-essential cmake'),
