@@ -32,6 +32,7 @@ NODES = (
     'release_client',
     'goal_client',
     'abuse_bench',
+    'abuse_probe_bench',
     'supervisor',
 )
 

@@ -86,10 +86,10 @@ class Limits:
     needle_age: float = quantity(0.5, 's', 'age of what is known of the needle, from which on all '
                                  'hold', low=0.05, high=60.0,
                                  source='control.stale_after')
-    silence: float = quantity(1.0, 's', 'longest silence of a node, the supervisor too '
+    silence: float = quantity(0.7, 's', 'longest silence of a node, the supervisor too '
                                         '(wall pace)', low=0.05, high=60.0,
-                              source='own choice: actuators under position control cannot run '
-                                     'away within it')
+                              source='with two ticks and the braking of a needle that withdraws '
+                                     'all rests within 1 s (PX4: COM_RC_LOSS_T, COM_OF_LOSS_T)')
 
 
 @dataclass(frozen=True)

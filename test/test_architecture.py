@@ -48,8 +48,8 @@ HOMES = {
     'threadpoolctl': {'diagnosis'},
     'mcap': {'recording'},
     'mcap_ros2': {'recording'},
-    'rosbags': {'recording'},
-    'ezc3d': {'recording'},
+    'rosbags': {'recording', 'experiments'},   # there the second readers
+    'ezc3d': {'recording', 'experiments'},
     'pypardiso': {'tissue', 'prove', 'experiments'},
 }
 

@@ -1,12 +1,14 @@
 """Faults for a campaign against a cell's drives, drawn by a seed: what strangers and machines do.
 
 Every fault asks for motion that nobody allowed, or takes away what motion depends on. Whatever
-comes, three things must hold: no pad leaves the range that its controller asked for, a pad that
-lost its permission rests within PX4's figure for a lost link, and the nodes live on.
+comes, four things must hold: no pad and no needle leaves the range that its controller asked for,
+what lost its permission rests within PX4's figure for a lost link, nothing forged is obeyed, and
+the nodes live on.
 """
 
 from dataclasses import dataclass
 from enum import Enum
+from itertools import islice
 
 from arm_brachy.core.quantity import quantity
 from arm_brachy.core.random import stream
@@ -29,6 +31,15 @@ class Kind(Enum):
     FORGED_STATE = 'encoders forged under a hold'
     FROZEN_SUPERVISOR = 'a supervisor that falls silent'
     CUT_STREAM = 'a controller that falls silent'
+    FORGED_SERVICES = 'home, release and reset without the key under a hold'
+    FORGED_GOAL = 'goals by service and by action without a ticket of theirs'
+    FORGED_SENSOR = 'a stranger among the encoders'
+    FORGED_NEEDLE = 'needle commands without the key, and recorded ones again'
+    FORGED_FOLLOW = 'a probe that is told to follow and released without the key'
+    FORGED_IMAGE = 'a stranger among the needle tips and probe states'
+    NEEDLE_ALONE = 'a supervisor that falls silent while needle and probe move'
+    DEAD_NEEDLE = 'a needle driver that dies while the probe moves'
+    DEAD_PROBE = 'a probe controller that dies while the needle moves'
 
 
 @dataclass(frozen=True)
@@ -50,9 +61,21 @@ class Fault:
     size: float
 
 
+# Of needle and probe, which have a bench of their own; the others are of the pads.
+OF_THE_NEEDLE = (Kind.FORGED_NEEDLE, Kind.FORGED_FOLLOW, Kind.FORGED_IMAGE, Kind.NEEDLE_ALONE,
+                 Kind.DEAD_NEEDLE, Kind.DEAD_PROBE)
+
+
 def draw(n, seed):
-    """n Faults: every kind in turn, in an order and with sizes that follow from the seed."""
+    """n Faults: every kind in turn, in an order and with sizes that follow from the seed.
+
+    The first faults of a longer campaign are those of a shorter one.
+    """
+    return list(islice(_drawn(seed), n))
+
+
+def _drawn(seed):
     rng, kinds = stream(seed, 'faults'), list(Kind)
-    drawn = [kinds[i % len(kinds)] for i in range(n)]
-    rng.shuffle(drawn)
-    return [Fault(kind, int(rng.integers(1, 20)), float(rng.random())) for kind in drawn]
+    while True:
+        for k in rng.permutation(len(kinds)):
+            yield Fault(kinds[k], int(rng.integers(1, 20)), float(rng.random()))

@@ -1,5 +1,9 @@
 """A handful of the damaged files of the study: none crashes, none is read as what it is not."""
 
+import numpy as np
+
+from arm_brachy.core.errors import RecordingError
+from arm_brachy.core.guard import guarded
 from arm_brachy.experiments import import_fuzz
 
 
@@ -23,3 +27,17 @@ def test_the_second_reader_sees_a_value_that_was_changed(tmp_path, monkeypatch):
     bases = import_fuzz._bases()
     outcome, _, changed = import_fuzz._try(tmp_path, 'plain table', *bases['plain table'], None)
     assert (outcome, changed) == ('bag', 1)
+
+
+def test_a_reader_that_hangs_is_counted_though_its_guard_takes_any_oserror(tmp_path, monkeypatch):
+    def hangs(map_file, out):
+        with guarded(map_file, RecordingError, 'a readable file', 'mend it'):
+            while True:
+                pass
+    monkeypatch.setattr(import_fuzz, 'import_csv', hangs)
+    monkeypatch.setattr(import_fuzz, 'LIMIT', 0.1)
+    bases = import_fuzz._bases()
+    outcome, seconds, _ = import_fuzz._try(tmp_path, 'plain table', *bases['plain table'],
+                                           np.random.default_rng(0))
+    assert outcome.startswith('longer than')
+    assert seconds > 0.05      # timers of the kernel are coarse

@@ -3,14 +3,11 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
-
-SCRIPT = Path(__file__).resolve().parents[1] / 'benchmark' / 'reader_fuzz.py'
 
 
 def test_no_damage_ends_in_a_traceback_or_in_other_values(tmp_path):
-    command = [sys.executable, str(SCRIPT), '--seed', '2', '--mutants', '30', '--out',
-               str(tmp_path / 'out.json')]
+    command = [sys.executable, '-m', 'arm_brachy.experiments.reader_fuzz', '--seed', '2',
+               '--mutants', '30', '--out', str(tmp_path / 'out.json')]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / 'out.json').read_text())

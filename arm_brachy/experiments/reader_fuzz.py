@@ -1,6 +1,7 @@
 """Damaged files: every reader of foreign files ends right or in one line, soon and small.
 
-    python test/benchmark/reader_fuzz.py --seed 1 --mutants 2000 --out results/reader-fuzz.json
+    python -m arm_brachy.experiments.reader_fuzz --seed 1 --mutants 2000 \
+        --out results/reader-fuzz.json
 
 Each mutant is a sound file with one to three small damages (bytes, slices, numbers, lines), drawn
 by seed, kind and number. Mutants are read in forked processes, 50 in each; where there is a second
@@ -49,7 +50,10 @@ from arm_brachy.tissue.box import box_mesh
 from arm_brachy.tissue.mesh import load_mesh
 from arm_brachy.tissue.surface import read_surface
 
-LONGEST_S, LARGEST_MB = 10.0, 1000.0   # processor time, resident
+NAME = 'reader-fuzz'
+SEED = 1
+MUTANTS = 2000                        # of each kind
+LONGEST_S, LARGEST_MB = 2.0, 1000.0   # processor time, resident
 BATCH = 50                            # mutants a process reads
 LIMIT_MB = 4000                      # of the second readers' address space: one of them is greedy
 HEAD_SHARE, HEAD = 0.5, 1500         # so many damages fall into the first bytes, where counts are
@@ -160,7 +164,7 @@ def _in_child(reader, files, outside, limit_mb):
     with os.fdopen(outside, 'wb') as stream:
         for write in files:
             path, start = write(), time.process_time()
-            signal.alarm(int(10 * LONGEST_S))      # of a loaded machine
+            signal.alarm(int(50 * LONGEST_S))      # of a loaded machine
             told = _told(reader, path)
             signal.alarm(0)
             peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
@@ -493,31 +497,43 @@ KINDS = {
 }
 
 
+def reproduce(out_dir, mutants=MUTANTS, seed=SEED, kinds=tuple(KINDS), keep=None,
+              say=lambda text: None):
+    """Return the Result: how the mutants of each kind ended, and which were read otherwise.
+
+    out_dir : receives nothing;  mutants : of each kind;  keep : folder for those that went wrong
+    say : called with a line for each kind and for each mutant that went wrong
+    """
+    gc.freeze()   # or the collector of every child copies what it looks at
+    rows = []
+    for name in kinds:
+        with tempfile.TemporaryDirectory() as folder:
+            row, wrong = fuzz(name, KINDS[name], seed, mutants, Path(folder), keep)
+        rows.append(row)
+        say(json.dumps(row))
+        for number, what in wrong:
+            say(f'  {name} {number}: {what}')
+    gc.unfreeze()
+    bad = sum(row[key] for row in rows for key in ('crash', 'hang', 'differs'))
+    slow = max(row['slowest_cpu_s'] for row in rows)
+    large = max(row['largest_mb'] for row in rows)
+    return Result(NAME, seed, commit_of(share_dir()), machine_description(), tuple(rows), (
+        Target('crashes, hangs and differences', bad, '', '0', bad == 0),
+        Target('slowest file, processor time', slow, 's', f'<= {LONGEST_S:g}', slow <= LONGEST_S),
+        Target('largest process', large, 'MB', f'<= {LARGEST_MB:g}', large <= LARGEST_MB)))
+
+
 def main():
     """Fuzz the kinds named, print rows and write them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--mutants', type=int, default=2000)
+    parser.add_argument('--seed', type=int, default=SEED)
+    parser.add_argument('--mutants', type=int, default=MUTANTS)
     parser.add_argument('--kinds', default=','.join(KINDS))
     parser.add_argument('--out', type=Path)
     parser.add_argument('--keep', type=Path, help='folder for mutants that went wrong')
     given = parser.parse_args()
-    gc.freeze()   # or the collector of every child copies what it looks at
-    rows = []
-    for name in given.kinds.split(','):
-        with tempfile.TemporaryDirectory() as folder:
-            row, wrong = fuzz(name, KINDS[name], given.seed, given.mutants, Path(folder),
-                              given.keep)
-        rows.append(row)
-        print(json.dumps(row), flush=True)
-        for number, what in wrong:
-            print(f'  {name} {number}: {what}', flush=True)
-    bad = sum(row[key] for row in rows for key in ('crash', 'hang', 'differs'))
-    large = max(row['largest_mb'] for row in rows)
-    result = Result('reader-fuzz', given.seed, commit_of(share_dir()), machine_description(),
-                    tuple(rows), (Target('crashes, hangs and differences', bad, '', '0', bad == 0),
-                                  Target('largest process', large, 'MB', '<= 1000',
-                                         large <= LARGEST_MB)))
+    result = reproduce(None, given.mutants, given.seed, given.kinds.split(','), given.keep,
+                       lambda text: print(text, flush=True))
     if given.out:
         result.to_json(given.out)
 
