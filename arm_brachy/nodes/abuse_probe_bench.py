@@ -1,7 +1,8 @@
 """Does faults to needle, probe and supervisor at wall pace; prints one JSON line each.
 
 What `arm-brachy abuse` starts beside `abuse_bench`. No tissue: the probe goes through the air over
-a ball of points, the needle meets no force. Both are judged by the simulated truth.
+a ball of points, the needle meets no force. Both are judged by the simulated truth. It takes half a
+core: a machine that cannot give that ends it by name, since every node is then too late.
 """
 
 import time
@@ -146,15 +147,21 @@ class AbuseProbeBench(BenchNode):
             self._drive(ASKED)
             here = self._places[-1][1]
             if self.give(self._controller, 'follow') and self.until(
-                    lambda here=here: np.abs(self._places[-1][1] - here).max() > FAR, 2.0):
+                    lambda here=here: np.abs(self._places[-1][1] - here).max() > FAR, HOME_S / 2):
                 break
+            why = self._why()
             self.again()
         else:
             raise ArmBrachyError(f'the probe did not set out in {ATTEMPTS} attempts: '
-                                 f'{self._probe.message or self.word.reason}')
+                                 f'{why}')
         for track in (self._depths, self._places):
             track.clear()
         self._lost, self._judged = time.monotonic(), judged
+
+    def _why(self):
+        """What probe, supervisor and needle say."""
+        return (f'probe {self._probe.phase} {self._probe.outcome} {self._probe.message}, safety '
+                f'{self.word.state} {self.word.reason}, needle at {self._depths[-1][1][0]:.4f} m')
 
     def _show(self):
         """The tip out of its hole."""
