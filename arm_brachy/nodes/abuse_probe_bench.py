@@ -1,8 +1,8 @@
 """Does faults to needle, probe and supervisor at wall pace; prints one JSON line each.
 
 What `arm-brachy abuse` starts beside `abuse_bench`. No tissue: the probe goes through the air over
-a ball of points, the needle meets no force. Both are judged by the simulated truth. It takes half a
-core: a machine that cannot give that ends it by name, since every node is then too late.
+a ball of points, the needle meets no force. Both are judged by the simulated truth. It takes half
+a core: on a machine that cannot give that it ends, since every node is then too late.
 """
 
 import time
