@@ -6,18 +6,20 @@ the same objects. Nothing here knows ROS.
 
 import importlib
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from arm_brachy import registry
 from arm_brachy.control.manipulator import Manipulator
 from arm_brachy.control.needle_plan import NeedleCourse
+from arm_brachy.control.probe_press import pressed
 from arm_brachy.control.procedure import Procedure
 from arm_brachy.control.pursuit import Pursuit
 from arm_brachy.control.push_protocol import PushProtocol
 from arm_brachy.control.sequencer import Sequencer
 from arm_brachy.control.tissue_model import TissueModel
-from arm_brachy.core.errors import CommandRefused, ConfigError
+from arm_brachy.core.errors import CommandRefused, ConfigError, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.random import stream
 from arm_brachy.core.term import Stage
@@ -33,11 +35,13 @@ from arm_brachy.devices.ultrasound_imager import Imager
 from arm_brachy.estimation.live import LiveEstimator
 from arm_brachy.estimation.marker_motion import MarkerMotion
 from arm_brachy.robot.panda_parameters import DH, JOINT_NAMES
+from arm_brachy.robot.probe_planner import PLANNERS, CentrePlanner
 from arm_brachy.robot.reference import rotation
 from arm_brachy.robot.rigid_body import Arm, frames
 from arm_brachy.robot.scissor_place import base_axes, linkage_line
 from arm_brachy.robot.scissor_urdf import BASE as SCISSOR_BASE
 from arm_brachy.robot.scissor_urdf import link_frames, scissor_urdf
+from arm_brachy.robot.surface_mesh import MeshSurface
 from arm_brachy.robot.template import ImageGeometry, Template
 from arm_brachy.robot.urdf import BASE as ARM_BASE
 from arm_brachy.robot.urdf import panda_urdf
@@ -450,8 +454,34 @@ def build_procedure(cell):
     side = template.R[:, 0]
     needle = NeedleCourse(template.axis, side, params.needle.length,
                           nominal_offset(params, template.axis, side))
-    return Procedure(cell.scenario.procedure, template.holes, needle,
-                     cell.scenario.settle)
+    return Procedure(cell.scenario.procedure, template.holes, needle, cell.scenario.settle,
+                     foretold_press(cell, template.axis))
+
+
+def foretold_press(cell, along):
+    """Return (3,) [m] by which the probe will move the procedure's target, as the model has it.
+
+    along : (3,) of the needle. The probe stands where its strategy puts it once the tip is at the
+    target. Zero where the scenario does not want to know, or where the probe cannot stand by the
+    model's skin: then its approach will say why.
+    Raises NotConverged where the model has no equilibrium under the probe.
+    """
+    asked, params = cell.scenario.procedure, cell.scenario.probe
+    if not asked.foresee:
+        return np.zeros(3)
+    terms, mesh = registry.split(cell.model_terms)[Stage.BODY], load_scene_mesh(cell.model)
+    target = next(np.array(t.position) for t in cell.model.targets if t.name == asked.target)
+    skin = MeshSurface(mesh.nodes, surface_triangles(mesh))
+    kind = PLANNERS[params.strategy]
+    if params.probe_holder == 'scissor_rcm':
+        kind = partial(CentrePlanner, np.array(params.scissor_rcm.centre))
+    planner = kind(params, skin, target - asked.view * along, along, np.array([0.0, 0.0, -1.0]))
+    try:
+        goal = planner.over(target, along)
+    except InputError:
+        return np.zeros(3)
+    return pressed(cell.model, terms, asked.target, goal.R, goal.p, force=params.force,
+                   face=ProbeFace(), deepest=params.deepest)
 
 
 def _terms(cell, *stages):

@@ -113,14 +113,17 @@ class Procedure:
     phase : Phase;  outcome, message : of the procedure, OK while nothing has failed
     plan : NeedlePlan, None before there is one
     params : ProcedureParams;  holes : (columns, rows, 3) [m];  needle : NeedleCourse
+    press : (3,) [m] by which the probe will move the target, as foretold
     Test: control/test_procedure.py
     """
 
-    def __init__(self, params, holes, needle, settle):
+    def __init__(self, params, holes, needle, settle, press=(0.0, 0.0, 0.0)):
         """settle : [s] rest at the beginning; the rest see the class."""
         self.params = params
         self._holes, self._course, self._settle = holes, needle, settle
         self._axes = np.array([a in params.axes for a in 'xyz'])
+        # Along these the pads follow the target under the probe.
+        self._press = np.where(self._axes, 0.0, press)
         self.phase, self.outcome, self.message, self.plan = Phase.SETTLING, Outcome.OK, '', None
         self._since, self._t = None, 0.0
         self._target, self._at_home = deque(), False
@@ -215,7 +218,8 @@ class Procedure:
             out |= {'hole': f'{self.plan.column} {self.plan.row}',
                     'hole_m': _numbers(self.plan.hole), 'roll_rad': f'{self.plan.roll:.6g}',
                     'depth_m': f'{self.plan.depth:.6g}', 'tip_m': _numbers(self.plan.tip),
-                    'goal_m': _numbers(self.plan.goal), 'left_m': f'{self.plan.left:.6g}'}
+                    'goal_m': _numbers(self.plan.goal), 'left_m': f'{self.plan.left:.6g}',
+                    'press_m': _numbers(self._press)}
         return out
 
     # Steps. Each returns the orders it has now, None = none.
@@ -229,7 +233,7 @@ class Procedure:
         if here is None or self._target[-1][0] - self._target[0][0] < 0.5 * AVERAGED:
             return None
         try:
-            self.plan = plan(self._holes, self._course, here, axes=self._axes,
+            self.plan = plan(self._holes, self._course, here + self._press, axes=self._axes,
                              reach=self.params.reach, hole=self.params.hole)
         except NoPlan as why:
             self._fail(why.outcome, str(why))

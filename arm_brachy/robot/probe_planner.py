@@ -54,6 +54,13 @@ class _Planner:
         self._start, self._from = tip, tip
         self._ready, self._last = False, None
 
+    def over(self, tip, along):
+        """Return the ProbeGoal of a probe at rest that has followed the needle to a tip.
+
+        tip, along : (3,). Raises InputError where it cannot stand: no skin, a hole, too steep.
+        """
+        return self._stand(tip, along)[0]
+
     def _stand(self, tip, along):
         """Goal over a point of the needle's line, or InputError: no skin, a hole, too steep."""
         goal = self._goal(tip, along)
@@ -180,6 +187,15 @@ class OrientationPlanner(_Planner):
         w = np.zeros(3) if waiting else np.cross(towards, v) / (towards @ towards)
         return Plan(goal.R, contact, np.zeros(3), w, self._normal, waiting=waiting)
 
+    def over(self, tip, along):
+        """See `_Planner.over`."""
+        while not self._ready:
+            searched = self._search(along)
+            if not searched.outcome.ok:
+                raise InputError(searched.message)
+        _, point = _within(tip, along, self._contact, self._params.tilt)
+        return orientation_goal(self._R, self._contact, point)
+
     def _search(self, along):
         for _ in range(_STEPS):
             try:
@@ -211,6 +227,11 @@ class CentrePlanner(_Planner):
         """centre : (3,) [m];  the rest as in the other planners"""
         super().__init__(*args)
         self._centre = np.array(centre, dtype=float)
+
+    def over(self, tip, along):
+        """See `_Planner.over`."""
+        _, point = _within(tip, along, self._centre, self._params.tilt)
+        return self._stand(point, along)[0]
 
     def plan(self, tip, along, v, state, dt):
         """Return the Plan; see `TranslationalPlanner.plan`."""
