@@ -32,9 +32,10 @@ class Toy:
     broken : names among target, scanner, needle, probe, contact, pads, sight, plane, depth
     """
 
-    def __init__(self, broken=(), radius=BEND, **given):
+    def __init__(self, broken=(), radius=BEND, press=(0.0, 0.0, 0.0), **given):
         self.procedure = Procedure(ProcedureParams('t', **given), HOLES,
-                                   NeedleCourse(AXIS, SIDE, 0.2, arc), settle=0.2)
+                                   NeedleCourse(AXIS, SIDE, 0.2, arc), settle=0.2,
+                                   press=press)
         self.broken, self.radius = set(broken), radius
         self.t, self.orders, self.phases = 0.0, [], []
         self.target, self.goal = np.array([0.0, 0.002, 0.0]), None
@@ -116,6 +117,17 @@ class Toy:
     def _turn(self):
         self.n = np.cos(self.roll) * SIDE + np.sin(self.roll) * np.cross(AXIS, SIDE)
         self.n = self.n - self.t_dir * (self.t_dir @ self.n)
+
+
+def test_the_path_ends_where_the_probe_will_have_pressed_the_target():
+    """Along the axes of the pads it does not: they follow the target under the probe."""
+    toy, blind = Toy(press=(0.0, 1e-3, -3e-3)), Toy()
+    plans = [one.run(until=Phase.MOVING).procedure.plan for one in (toy, blind)]
+    aside = plans[0].goal - plans[1].goal
+    assert aside[2] == pytest.approx(-3e-3, abs=1e-9)
+    assert abs(plans[0].tip[2] - plans[0].goal[2]) == pytest.approx(plans[0].left, abs=1e-9)
+    there = toy.target + [0.0, 0.0, -3e-3]
+    assert plans[0].goal[0] == pytest.approx(there[0]) and plans[0].left < 1e-3
 
 
 def test_an_undisturbed_procedure_goes_through_every_step_in_order():
