@@ -75,12 +75,13 @@ class NeedleCourse:
         return depth
 
 
-def plan(holes, needle, target, *, axes, reach, hole=()):
+def plan(holes, needle, target, *, axes, reach, hole=(), start=None):
     """Return the NeedlePlan to a target.
 
     holes : (columns, rows, 3) [m];  needle : NeedleCourse
     target : (3,) [m] where it is;  axes : (3,) bool, of the pads
     reach : [m] largest displacement of the target;  hole : (column, row) to use, empty = any
+    start : (3,) from where pads have displaced the target, None = they have not
     Raises NoPlan: no such hole, needle too short, target out of reach.
     """
     chosen = _chosen(holes, hole)
@@ -97,7 +98,9 @@ def plan(holes, needle, target, *, axes, reach, hole=()):
     places = np.array([holes[c] for c in chosen])
     miss = places[:, None] + ends[None] - target                # (hole, roll, 3)
     miss = miss - (miss @ needle.axis)[..., None] * needle.axis
-    return _best(chosen, rolls, depths, places, ends, miss, target, np.asarray(axes), reach)
+    so_far = np.zeros(3) if start is None else target - start
+    return _best(chosen, rolls, depths, places, ends, miss, target, np.asarray(axes), reach,
+                 so_far)
 
 
 def _chosen(holes, hole):
@@ -110,10 +113,10 @@ def _chosen(holes, hole):
     return [tuple(hole)]
 
 
-def _best(chosen, rolls, depths, places, ends, miss, target, axes, reach):
+def _best(chosen, rolls, depths, places, ends, miss, target, axes, reach, so_far):
     moved = np.where(axes, miss, 0.0)
     left = np.linalg.norm(miss - moved, axis=-1)
-    effort = np.linalg.norm(moved, axis=-1)
+    effort = np.linalg.norm(np.where(axes, miss + so_far, 0.0), axis=-1)
     if effort.min() > reach:
         raise NoPlan(Outcome.INFEASIBLE, f'the target would have to move {1e3 * effort.min():.1f} '
                      f'mm; allowed {1e3 * reach:g} mm: choose another hole')

@@ -2,7 +2,8 @@
 
     SETTLING     rest
     REGISTERING  until the estimator says where the target is, then plan: hole, roll, depth, goal
-    MOVING       the pads bring the target to its goal, and keep it there from now on
+    MOVING       the pads bring the target to its goal, and keep it there from now on; where they
+                 moved it along other axes too, the path is planned anew
     SCANNING     the skin anew: the pads have moved it
     PLACING      needle to where the probe can see its tip
     APPROACHING  probe onto the skin over the tip
@@ -38,6 +39,7 @@ MOVE = 'bring_target'   # name of the task during which the pads move the target
 AVERAGED = 1.0      # s of estimates whose mean is where the target is
 _FRESH = 0.5        # s, age from which on an estimate says nothing any more
 _STEP = 0.2e-3      # m by which a wanted depth has to change before it is ordered
+_REPLANS = 3        # of the path, while the pads bring the target
 _SHIFT = 0.3e-3     # m by which a wanted goal has to: three errors of what the images show
 _ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: depth sensor's error
 _MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
@@ -136,6 +138,8 @@ class Procedure:
         self._stopped = False       # the needle was told to stay, and not to go on since
         self._reader = OverlayReader(params.steering)
         self._held_since, self._ordered, self._pursued = None, False, False
+        self._start = None       # where the target was when it was planned for first
+        self._replans = 0        # how often the path was planned anew for where the pads led
         self._speed_back = None  # m/s that was ordered for the way out
         self._near = False       # the needle is on the last of its way, which it goes slowly
 
@@ -233,8 +237,7 @@ class Procedure:
         if here is None or self._target[-1][0] - self._target[0][0] < 0.5 * AVERAGED:
             return None
         try:
-            self.plan = plan(self._holes, self._course, here + self._press, axes=self._axes,
-                             reach=self.params.reach, hole=self.params.hole)
+            self.plan = self._planned(here)
         except NoPlan as why:
             self._fail(why.outcome, str(why))
             return None
@@ -242,14 +245,42 @@ class Procedure:
         self._pursued, self._goal = True, self.plan.goal
         return [Order(Kind.SET_GOAL, tuple(self.plan.goal))]
 
+    def _planned(self, here):
+        """The NeedlePlan to a target that is `here` (3,) now. Raises NoPlan."""
+        if self._start is None:
+            self._start = here
+        return plan(self._holes, self._course, here + self._press, axes=self._axes,
+                    reach=self.params.reach, hole=self.params.hole,
+                    start=self._start + self._press)
+
     def _moving(self):
         here = self.target
         self._error = np.inf if here is None else float(np.linalg.norm(
             (here - self.plan.goal)[self._axes]))
         if not self._lasts_calm(self._error <= self.params.tolerance):
             return None
+        better = self._better_plan(here)
+        if better is not None:
+            self.plan, self._goal, self._calm_since = better, better.goal, None
+            return [Order(Kind.SHIFT, tuple(better.goal))]
         self._enter(Phase.SCANNING)
         return [Order(Kind.ARRIVED)]
+
+    def _better_plan(self, here):
+        """A NeedlePlan that ends nearer to a target that the pads have brought `here`, or None.
+
+        Tissue keeps its volume: what is pushed aside rises as well, where no pad controls it.
+        """
+        if self._replans == _REPLANS:
+            return None
+        off = np.where(self._axes, 0.0, self.plan.tip - here - self._press)
+        off = np.linalg.norm(off - self._course.axis * (self._course.axis @ off))
+        try:
+            better = self._planned(here)
+        except NoPlan:      # the one that there is holds
+            return None
+        self._replans += 1
+        return better if off - better.left > _SHIFT else None
 
     def _scanning(self):
         if not self._ordered:

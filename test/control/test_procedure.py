@@ -30,13 +30,15 @@ class Toy:
     """Everything does what it is told, at once or at the speed it is told; parts can be broken.
 
     broken : names among target, scanner, needle, probe, contact, pads, sight, plane, depth
+    rise : share of the way along y by which the pads lift the target
     """
 
-    def __init__(self, broken=(), radius=BEND, press=(0.0, 0.0, 0.0), **given):
+    def __init__(self, broken=(), radius=BEND, press=(0.0, 0.0, 0.0), rise=0.0,
+                 **given):
         self.procedure = Procedure(ProcedureParams('t', **given), HOLES,
                                    NeedleCourse(AXIS, SIDE, 0.2, arc), settle=0.2,
                                    press=press)
-        self.broken, self.radius = set(broken), radius
+        self.broken, self.radius, self.rise = set(broken), radius, rise
         self.t, self.orders, self.phases = 0.0, [], []
         self.target, self.goal = np.array([0.0, 0.002, 0.0]), None
         self.depth, self.drive, self.hole, self.probe = 0.0, (0.0, 0.0), HOLES[1, 1], 0
@@ -88,7 +90,10 @@ class Toy:
             self.t_dir = self.t_dir + step / self.radius * self.n
             self.t_dir /= np.linalg.norm(self.t_dir)
         if self.goal is not None and 'pads' not in self.broken:
-            self.target = self.target + 0.2 * (self.goal - self.target)
+            moved = 0.2 * (self.goal - self.target)
+            if self.rise:       # of y by itself, as tissue does that is pushed from its side
+                moved[2] = self.rise * moved[1]
+            self.target = self.target + moved
 
     def _obey(self, order):
         self.orders.append(order.kind)
@@ -128,6 +133,18 @@ def test_the_path_ends_where_the_probe_will_have_pressed_the_target():
     assert abs(plans[0].tip[2] - plans[0].goal[2]) == pytest.approx(plans[0].left, abs=1e-9)
     there = toy.target + [0.0, 0.0, -3e-3]
     assert plans[0].goal[0] == pytest.approx(there[0]) and plans[0].left < 1e-3
+
+
+def test_the_path_is_planned_anew_to_where_pads_lift_the_target_besides():
+    toy = Toy(rise=0.3).run(until=Phase.SCANNING)
+    assert toy.orders.count(Kind.SET_GOAL) == 1 and Kind.SHIFT in toy.orders
+    assert toy.target[2] > 1e-3     # lifted: a path to where it was would miss it by as much
+    assert abs(toy.procedure.plan.tip[2] - toy.target[2]) < 0.3e-3
+
+
+def test_what_pads_have_done_counts_in_how_far_they_may_displace_the_target():
+    toy = Toy(rise=0.3, reach=5e-3).run(until=Phase.SCANNING)
+    assert abs(toy.procedure.plan.goal[1] - 2e-3) <= 5e-3
 
 
 def test_an_undisturbed_procedure_goes_through_every_step_in_order():
