@@ -13,7 +13,7 @@ Each scenario is run with the same few needles. They go through different holes,
 bevels steer to different sides, and bend more or less than the plan takes them to: radii are drawn
 about the geometric mean of the 200 to 650 mm that are published, nineteen in twenty within these.
 A run without overlay is one with it until somebody turns the needle; where nobody has, the run
-with overlay counts for both.
+with overlay counts for both. The linkage has the first needle alone.
 Test: experiments/test_chapter_6.py
 """
 
@@ -68,12 +68,12 @@ def reproduce(out_dir, scenarios=None, needles=None):
 
     out_dir : folder;  scenarios : name -> file in config/scenarios, without suffix, or a path;
         None = all five
-    needles : how many, None = one for each of HOLES
+    needles : how many, None = one for each of HOLES; the linkage has one
     Returns Result, a row for each scenario and needle.
     """
     files = {**SCENARIOS, **LINKAGE} if scenarios is None else scenarios
     trials = [Trial(name, file, k + 1) for name, file in files.items()
-              for k in range(needles or len(HOLES))]
+              for k in range(1 if name in LINKAGE else needles or len(HOLES))]
     first = [trial for trial in trials if WITH_OVERLAY.get(trial.scenario) not in files]
     with process_pool(len(trials)) as pool:
         done = dict(zip(first, pool.map(_run, first, [out_dir] * len(first)), strict=True))

@@ -36,14 +36,19 @@ PROCEDURE_FIGURES = (
     ('tip_to_target_across_mm', 'of it across the needle [mm]', '', 2),
     ('frames_found_percent', 'images in which the tip is found [%]', '95', 1),
     ('localisation_rms_mm', 'tip in the image, RMS error [mm]', '0.5', 2),
-    ('force_rms_N', 'contact force as measured, RMS error [N]', '0.1', 3),
-    ('force_steady_N', 'contact force as measured, mean error at the end of the dwell [N]',
-     '0.01', 4),
-    ('force_peak_error_N', 'contact force as measured, largest error [N]', '', 2),
-    ('force_overshoot_N',
-     'contact force as measured, overshoot of its goal until the probe retracts [N]', '0.3', 2),
+    ('true_force_rms_N', 'true contact force, RMS error [N]', '0.1', 3),
+    ('force_rms_N', 'the same as measured [N]', '', 3),
+    ('true_force_steady_N', 'true contact force, mean error at the end of the dwell [N]', '0.01',
+     3),
+    ('force_steady_N', 'the same as measured [N]', '', 4),
+    ('true_force_peak_error_N', 'true contact force, largest error [N]', '', 2),
+    ('force_peak_error_N', 'the same as measured [N]', '', 2),
+    ('true_force_overshoot_N',
+     'true contact force, overshoot of its goal until the probe retracts [N]', '0.3', 2),
+    ('force_overshoot_N', 'the same as measured [N]', '', 2),
     ('target_to_goal_mm', 'target off its goal by the pads [mm]', '', 2),
-    ('off_plan_end_mm', 'tip off its planned path at the end [mm]', '', 2),
+    ('off_plan_end_mm', 'tip off its planned path at the end, at equal depth [mm]', '', 2),
+    ('turns', 'turns of the needle by the reader of the overlay', '', 0),
     ('torque_mean_Nm', 'joint torques, mean norm [N m]', '', 1),
     ('joint_travel_rad', 'way of the joints [rad]', '', 2),
     ('insertion_s', 'duration of the insertion [s]', '', 1),
@@ -243,16 +248,35 @@ def _feedback(results):
 
 def _procedures(results):
     body = _load(results, 'chapter-6')
-    rows = body['rows']
-    lines = ['| figure | goal | ' + ' | '.join(r['scenario'] for r in rows) + ' |',
-             '|---' * (len(rows) + 2) + '|']
+    scenarios = list(dict.fromkeys(r['scenario'] for r in body['rows']))
+    of = {name: [r for r in body['rows'] if r['scenario'] == name] for name in scenarios}
+    lines = ['| figure | goal | ' + ' | '.join(scenarios) + ' |', '|---' * (len(of) + 2) + '|',
+             '| needles | | ' + ' | '.join(str(len(rows)) for rows in of.values()) + ' |']
     for key, name, goal, digits in PROCEDURE_FIGURES:
-        lines.append(f'| {name} | {goal} | '
-                     + ' | '.join(f'{r[key]:.{digits}f}' for r in rows) + ' |')
-    missed = [f'{t["name"]} ({t["value"]:.3g} {t["unit"]})' for t in body['targets']
-              if not t['met']]
-    lines += ['', 'Goals missed: ' + ('; '.join(missed) if missed else 'none') + '.']
-    return '\n'.join(lines)
+        lines.append(f'| {name} | {goal} | ' + ' | '.join(
+            _mean_and_span(rows, key, digits) for rows in of.values()) + ' |')
+    missed = {}
+    for target in body['targets']:
+        place, what = target['name'].split(': ', 1)
+        if not target['met']:
+            missed.setdefault(what, []).append(f'{place} ({_said(target)})')
+    met = sum(bool(t['met']) for t in body['targets'])
+    lines += ['', f'Goals met: {met} of {len(body["targets"])}.'
+              + (' Missed:' if missed else ''), '']
+    lines += [f'- {what}: {"; ".join(places)}' for what, places in missed.items()]
+    return '\n'.join(lines).rstrip()
+
+
+def _mean_and_span(rows, key, digits):
+    """Mean of a column, and its smallest and largest value in brackets where they differ."""
+    values = [r[key] for r in rows]
+    mean, low, high = (f'{v:.{digits}f}' for v in (np.mean(values), min(values), max(values)))
+    return mean if low == high else f'{mean} ({low} to {high})'
+
+
+def _said(target):
+    value = target['value']
+    return f'{value:.3g} {target["unit"]}' if isinstance(value, float) else f'{value}'
 
 
 def _number(value, form):
