@@ -84,8 +84,11 @@ class ProcedureData:
 
     @property
     def plan(self):
-        """The mapping of the first step that has a plan; empty if none has."""
-        return next((said for _, said in self.steps if 'hole_m' in said), {})
+        """The mapping of the last step that has a plan, which may be made anew before the needle.
+
+        Empty if none has.
+        """
+        return next((said for _, said in reversed(self.steps) if 'hole_m' in said), {})
 
     @property
     def outcome(self):

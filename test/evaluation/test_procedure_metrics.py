@@ -68,6 +68,14 @@ def test_turns_are_counted_while_the_needle_goes_in():
     assert np.isnan(assess_procedure(run(), None).turns)
 
 
+def test_what_was_planned_anew_before_the_insertion_is_the_plan():
+    first = {**PLAN, 'tip_m': '0.003 0.02 0', 'goal_m': '0.003 0.02 0.001'}
+    steps = tuple((t, said | (first if said['phase'] == 'approaching' else {}))
+                  for t, said in STEPS)
+    numbers = assess_procedure(replace(run(), steps=steps), still(0, 0.02, 0.001))
+    assert numbers.miss_pads == pytest.approx(0.0) and numbers.off_plan_end < 1e-9
+
+
 def test_miss_is_split_along_and_across_the_needle():
     numbers = assess_procedure(run(), still(0.0, 0.022, 0.001))
     assert numbers.miss_along == pytest.approx(2e-3) and numbers.miss_across == pytest.approx(1e-3)
