@@ -95,8 +95,10 @@ def structure(case):
 
 
 def told(finding):
-    """True if a Finding is told as a cause without a model being asked."""
-    return finding.term is not None and not finding.rivals and finding.sure
+    """True if a Finding is told as a cause: at once, or with its rivals as a class where the
+    model names none of them.
+    """
+    return finding.term is not None and finding.sure
 
 
 def kind_of(finding):

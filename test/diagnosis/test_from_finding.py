@@ -9,6 +9,7 @@ from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis.isolation.handover import Given, given
 from arm_brachy.diagnosis.report.finding_causes import said_of_faint, with_findings
+from arm_brachy.diagnosis.report.finding_estimates import merged
 from arm_brachy.diagnosis.results.cause import Cause, Estimate
 from arm_brachy.diagnosis.results.finding import Finding
 
@@ -58,6 +59,16 @@ def test_what_the_model_found_beside_a_finding_adds_to_it(scene):
     assert first.parameters['gain'].value == pytest.approx(0.07)
     assert first.parameters['gain'].high - 0.07 == pytest.approx(0.03, rel=0.01)
     assert first.probability > 0.999 and other == elsewhere
+
+
+def test_more_play_begins_where_the_finding_has_it():
+    marker = Cause('backlash', {'width': Estimate(3e-4, 2e-4, 4e-4), 'start': Estimate(0.5, 0.4,
+                   0.6)}, {'actuators': (1,)}, 0.99)
+    model = replace(marker, parameters={'width': Estimate(1e-4, 0.0, 2e-4),
+                                        'start': Estimate(0.2, 0.0, 0.9)})
+    both = merged(marker, model)
+    assert both.parameters['width'].value == pytest.approx(4e-4)
+    assert both.parameters['start'] == marker.parameters['start']
 
 
 def test_a_finding_that_no_model_told_from_its_rivals_is_a_class(scene):

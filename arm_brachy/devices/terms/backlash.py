@@ -30,7 +30,8 @@ class Backlash(ActuationTerm):
     actuators: tuple[int, ...] = ()  # of the bank, in a file names of pads too; () means all
     start: float = quantity(
         0.0, '', 'share of the play that is taken up at the beginning: 0 after a retraction, 1 '
-        'after a push', low=0.0, high=1.0, source='homing ends in the retracting direction')
+        'after a push', low=0.0, high=1.0, prior=('uniform', 0.0, 1.0),
+        source='homing ends in the retracting direction; a bank that was not homed is anywhere')
 
     spec: ClassVar[TermSpec] = TermSpec(
         name='backlash', kind=Kind.ACTUATION, stage=Stage.TRANSMISSION,

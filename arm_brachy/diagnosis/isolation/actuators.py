@@ -89,8 +89,13 @@ def _gain_findings(prepared, gains, pads, limit):
     if agree and base is not None and (found := _scale(prepared, base, shared)):
         return found
     rivals = ('optical_scale',) if agree and len(gains) == len(pads) else ()
-    return [_actuator(prepared, g[0], GAIN, *g[1:], more=rivals)
+    return [_actuator(prepared, g[0], GAIN, *g[1:], more=(*rivals, *_unmeasured(*g[:2])))
             for g in gains.values() if g[3] > limit]
+
+
+def _unmeasured(one, gain):
+    """Rivals of a gain that only a force tells from it: a pad that falls short may yield."""
+    return (TERMS[COMPLIANCE][0],) if one.stiffness == 0.0 and gain < 0.0 else ()
 
 
 def _shared_gain(prepared, pads):

@@ -1,10 +1,19 @@
 """Pad forces where they should be none: zero of the sensors, and its drift."""
 
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.special import logsumexp
 
-from arm_brachy.diagnosis.results.finding import ALARM, Finding, sigma_of_few, threshold
+from arm_brachy.diagnosis.results.finding import (
+    ALARM,
+    Finding,
+    log_tail,
+    sigma_of_tail,
+    threshold,
+)
 from arm_brachy.diagnosis.signals.regressors import MEMORIES, memories
 from arm_brachy.diagnosis.signals.stream import ENCODER, FORCE
 
@@ -15,6 +24,9 @@ TESTS = 2        # zero and drift
 BESIDES = 2.3    # nats that all sensors but the loudest have to say for a lean: odds of 10
 ALIKE = 1e-6     # of columns: how little one may add to the others
 ENDS = 30        # rests at which somebody may have begun to lean on the body, or stopped
+WANDERING = 0.5  # prior probability that what rests scatter by is remembered from rest to rest
+SHARES = 0.7, 0.97              # of its variance, then,
+SPANS = 0.03, 0.1, 0.3, 1.0, 10.0   # and for so many times the length of the recording
 
 
 def force_findings(prepared, jumps=()):
@@ -26,7 +38,9 @@ def force_findings(prepared, jumps=()):
     first push has left for good (a guide that rubs, a bond that has bedded in), or both. The
     scatter of the rests about the fit, pooled over the pads, counts as noise: sensors wander from
     rest to rest by more than they do within one. It is no less than the noise of the mean of a
-    rest, and known from as many rests as there are more than terms of the fit (`sigma_of_few`).
+    rest, and known from as many rests as there are more than terms of the fit (`log_tail`).
+    For how long a sensor remembers where it had wandered to, few rests hardly tell: chances are
+    averaged over memories, by their restricted likelihoods (`_wanderings`).
     Where all sensors together ask for it, a force that acted in some successive rests alone is
     fitted beside: somebody who leaned on the body is no drift, however well a line and a memory
     bend to it.
@@ -43,13 +57,11 @@ def force_findings(prepared, jumps=()):
     fits = _unless_leant([_fits(prepared, force, k, rests, t, jumps)
                           for k in range(len(force.names))])
     stiffness = _stiffness(prepared, force, rests)
-    scatter, dof = _scatter(fits, _means(prepared, rests))
-    scatter = np.hypot(scatter, stiffness * _known(prepared, force, rests))
+    ways = _wanderings(fits, _means(prepared, rests), stiffness * _known(prepared, force, rests))
     slack = np.hypot(prepared.calibration.force_zero, prepared.calibration.touch * stiffness)
     return tuple(found for pad in dict.fromkeys(force.names)
                  if (index := [k for k in force.on(pad) if fits[k] is not None])
-                 for found in _findings(prepared, force, index, [fits[k] for k in index],
-                                        scatter, dof, slack))
+                 for found in _findings(prepared, force, index, ways, slack))
 
 
 def _known(prepared, force, rests):
@@ -118,8 +130,7 @@ def _unless_leant(fits):
 def _fits(prepared, force, k, rests, t, jumps):
     """Of one pad for each of `_leans`: (fit, log evidence over a zero and a drift alone).
 
-    A fit is (coefficients (m, c), covariance per unit scatter (m, m), misfit (r, c), degrees of
-    freedom), zero and drift first. None with too few rests.
+    A fit is a _Fit, zero and drift first among its columns. None with too few rests.
     """
     seen = [i for i, rows in enumerate(rests) if force.valid[rows, k].sum() >= SHORTEST]
     if len(seen) < FEWEST:
@@ -130,7 +141,7 @@ def _fits(prepared, force, k, rests, t, jumps):
     pasts = [(*recovery, *begun) for recovery, begun in product(
         [(), *((one,) for one in _recovery(prepared, force, k, rests, seen))],
         [(), _begun(prepared, force, k, t[seen])])]
-    plain = [fit for past in pasts if (fit := _fit([*fixed, *past], y)) is not None]
+    plain = [fit for past in pasts if (fit := _fit([*fixed, *past], y, t[seen])) is not None]
     if not plain:
         return None
     straight = plain[0]         # the past of none comes first
@@ -139,14 +150,30 @@ def _fits(prepared, force, k, rests, t, jumps):
     for lean in _leans(len(rests))[1:]:
         column = np.isin(seen, lean).astype(float)
         some = [fit for past in pasts if np.ptp(column)
-                and (fit := _fit([*fixed, column, *past], y)) is not None]
+                and (fit := _fit([*fixed, column, *past], y, t[seen])) is not None]
         worth = [_worth(fit, straight) for fit in some]
         out.append((some[int(np.argmax(worth))], max(worth)) if some else without)
     return out
 
 
-def _fit(columns, y):
-    """One of `_fits` by columns, each (r,), of what was measured y (r, c).
+@dataclass(frozen=True)
+class _Fit:
+    """Least squares. beta : (m, c);  covariance : (m, m) per unit scatter;  left : (r, c) misfit
+
+    dof : rests more than columns;  columns : (r, m);  y : (r, c);  t : (r,) [s]
+    """
+
+    beta: np.ndarray
+    covariance: np.ndarray
+    left: np.ndarray
+    dof: int
+    columns: np.ndarray
+    y: np.ndarray
+    t: np.ndarray
+
+
+def _fit(columns, y, t):
+    """The _Fit by columns, each (r,), of what was measured y (r, c) at rests t (r,).
 
     None if they are too many, or two say the same: a memory that is over by the next rest is a
     lean at one rest.
@@ -160,17 +187,17 @@ def _fit(columns, y):
         return None
     half = vt.T / s / size[:, None]
     beta, covariance = half @ (u.T @ y), half @ half.T
-    return beta, covariance, y - X @ beta, dof
+    return _Fit(beta, covariance, y - X @ beta, dof, X, y, t)
 
 
 def _squares(fit):
-    return max(float(np.sum(fit[2] ** 2)), 1e-30)
+    return max(float(np.sum(fit.left ** 2)), 1e-30)
 
 
 def _cost(fit):
     """Schwarz's criterion of a fit, by which the past of a pad is chosen."""
-    r, c = fit[2].shape
-    return c * (r * np.log(_squares(fit)) + (r - fit[3]) * np.log(r))
+    r, c = fit.left.shape
+    return c * (r * np.log(_squares(fit)) + (r - fit.dof) * np.log(r))
 
 
 def _worth(fit, straight):
@@ -179,8 +206,8 @@ def _worth(fit, straight):
     Zellner 1986, On assessing prior distributions and Bayesian regression analysis with g-prior
     distributions, g the number of rests; Liang et al. 2008, JASA 103, eq. 6.
     """
-    r, c = fit[2].shape
-    n, k = c * straight[3], c * (straight[3] - fit[3])
+    r, c = fit.left.shape
+    n, k = c * straight.dof, c * (straight.dof - fit.dof)
     return 0.5 * ((n - k) * np.log1p(r) - n * np.log1p(r * _squares(fit) / _squares(straight)))
 
 
@@ -226,26 +253,88 @@ def _means(prepared, rests):
     return np.sqrt(noise.mean_variance(min(map(len, rests))).max(axis=0))
 
 
-def _scatter(fits, least):
-    """(standard deviation (c,) of rests about their fits, pooled over the pads, at least `least`
-    (c,); degrees of freedom from which it is known).
+@dataclass(frozen=True)
+class _Wandering:
+    """One memory of what rests scatter by.
+
+    weight : its probability;  fits : _Fit of each channel with it, None with too few rests
+    scatter : (c,) standard deviation of a rest;  dof : degrees of freedom from which it is known
+    """
+
+    weight: float
+    fits: list
+    scatter: np.ndarray
+    dof: int
+
+
+def _wanderings(fits, least, more):
+    """_Wandering each: white, and of some shares and memories, weighed by restricted likelihood.
+
+    fits : _Fit of each channel or None;  least : (c,) standard deviations of the mean of a rest;
+    more : [N] beside it that encoders leave open
+    A drift takes much of slow noise with it, and the rest looks as if it were white. Patterson &
+    Thompson 1971, Biometrika 58:545; what is common to all channels is their colour, each axis
+    has its own size. Averages of chances over what is not known: Kass & Raftery 1995, JASA 90:773.
     """
     known = [fit for fit in fits if fit is not None]
-    total = sum(np.sum(left ** 2, axis=0) for _, _, left, _ in known)
-    dof = max(sum(dof for *_, dof in known), 1)
-    return np.maximum(np.sqrt(total / dof), least), dof
+    dof = max(sum(fit.dof for fit in known), 1)
+    span = max((np.ptp(fit.t) for fit in known), default=1.0)
+    colours = [(0.0, span), *product(SHARES, [some * span for some in SPANS])]
+    out, logs = [], []
+    for share, memory in colours:
+        white = [None if fit is None else _whitened(fit, share, memory) for fit in fits]
+        squares = sum(np.sum(one.left ** 2, axis=0) for one, _ in filter(None, white))
+        scatter = np.maximum(np.sqrt(squares / dof), least)
+        volume = sum(len(scatter) * half for _, half in filter(None, white))
+        prior = 1.0 - WANDERING if share == 0.0 else WANDERING / (len(colours) - 1)
+        logs.append(np.log(prior) - volume - np.sum(
+            dof * np.log(scatter) + 0.5 * squares / scatter ** 2))
+        out.append(_Wandering(0.0, [one and one[0] for one in white],
+                              np.hypot(scatter, more), dof))
+    weights = np.exp(np.array(logs) - logsumexp(logs))
+    return [replace(one, weight=float(weight)) for one, weight in zip(out, weights, strict=True)]
 
 
-def _findings(prepared, force, index, fits, scatter, dof, slack):
-    """Findings of one pad by the fits of its channels `index`."""
+def _whitened(fit, share, memory):
+    """(the _Fit where a share of the variance has a memory [s], half the logarithms of its
+    restricted likelihood's two determinants).
+    """
+    apart = np.abs(np.subtract.outer(fit.t, fit.t))
+    root = cholesky(share * np.exp(-apart / memory) + (1.0 - share) * np.eye(len(fit.t)),
+                    lower=True)
+    X, y = (solve_triangular(root, x, lower=True) for x in (fit.columns, fit.y))
+    size = np.linalg.norm(X, axis=0)
+    q, r = np.linalg.qr(X / size)
+    inverse = solve_triangular(r, np.eye(len(size))) / size[:, None]
+    beta = inverse @ (q.T @ y)
+    half = np.log(np.diag(root)).sum() + np.log(np.abs(np.diag(r)) * size).sum()
+    return replace(fit, beta=beta, covariance=inverse @ inverse.T, left=y - X @ beta), half
+
+
+def _estimate(ways, index, number, slack):
+    """(value (c,), error (c,), z) of a coefficient of the channels `index`, over _Wanderings."""
+    values, errors, tails = [], [], []
+    for one in ways:
+        fits = [one.fits[k] for k in index]
+        value = np.concatenate([fit.beta[number] for fit in fits])
+        sd = np.concatenate([one.scatter * np.sqrt(fit.covariance[number, number])
+                             for fit in fits])
+        values.append(value)
+        errors.append(sd)
+        tails.append(log_tail(value, sd, one.dof, slack))
+    weight = np.array([one.weight for one in ways])[:, None]
+    mean = np.sum(weight * values, axis=0)
+    sd = np.sqrt(np.sum(weight * (np.square(errors) + np.square(values - mean)), axis=0))
+    return mean, sd, sigma_of_tail(logsumexp(tails, b=weight[:, 0]), len(mean))
+
+
+def _findings(prepared, force, index, ways, slack):
+    """Findings of one pad by the _Wanderings of its channels `index`."""
     calibration, tests = prepared.calibration, TESTS * len(prepared.evidence.pads)
     pad, span = force.names[index[0]], (float(force.t[0]), float(force.t[-1]))
-    zero, rate = (np.concatenate([beta[i] for beta, *_ in fits]) for i in (0, 1))
-    zero_sd, rate_sd = (np.concatenate([scatter * np.sqrt(covariance[i, i])
-                                        for _, covariance, *_ in fits]) for i in (0, 1))
-    limit = threshold(tests, len(zero))
     out = []
-    z = sigma_of_few(rate, rate_sd, dof, calibration.force_drift)
+    rate, rate_sd, z = _estimate(ways, index, 1, calibration.force_drift)
+    limit = threshold(tests, len(rate))
     if z > limit:
         rate, rate_sd = _in_frame(force, index, rate, rate_sd)
         out.append(Finding(
@@ -253,7 +342,7 @@ def _findings(prepared, force, index, fits, scatter, dof, slack):
             f'The force on {pad} drifts by {60.0 * np.linalg.norm(rate):.2f} N a minute while '
             'nothing pushes.', rivals=('swelling_drift',),
             parameters={'rate': tuple(rate), 'pads': (pad,)}, slack=calibration.force_drift))
-    z = sigma_of_few(zero, zero_sd, dof, slack)
+    zero, zero_sd, z = _estimate(ways, index, 0, slack)
     if z > limit and not any(prepared.evidence.scene.gravity):    # a weight presses at rest
         zero, zero_sd = _in_frame(force, index, zero, zero_sd)
         out.append(Finding(

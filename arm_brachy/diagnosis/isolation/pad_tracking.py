@@ -6,13 +6,18 @@ stamps -D du/dt, lost steps or a slipped marker a step. What follows the place b
 (`positioning_error`) is taken out before anything else is asked.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from arm_brachy.diagnosis.isolation.positioning_error import Course, course_of
-from arm_brachy.diagnosis.signals.regressors import drift_columns, play, slope
+from arm_brachy.diagnosis.signals.regressors import (
+    drift_columns,
+    history_columns,
+    play,
+    slope,
+)
 from arm_brachy.diagnosis.signals.stream import ENCODER, FORCE, OPTICAL
 from arm_brachy.diagnosis.statistics.change_points import steps
 from arm_brachy.diagnosis.statistics.change_retest import steadfast
@@ -29,9 +34,13 @@ NUDGE = 0.05             # of the play, over which its slope by the start is tak
 STARTS = np.linspace(0.0, 1.0, 5)   # shares of its play that a pad may begin with
 REACH = 0.01             # s, over which the encoder's slope is taken
 FEWEST = 50              # samples of a marker or force
+SAMPLES = 4              # of a force for each column of the pads' past that it is regressed on
 ALONG_Z = 0.999          # cosine
 PASSES = 3               # over what is not linear: delay, width of the play, steps
 LATE = 3.0               # standard deviations of a delay by which the encoder is shifted
+# Of an effect, rms: a pad that yields need not do so in proportion. Guides rub, springs stiffen,
+# and force sensors have a clock and a scale of their own.
+YIELDING = 0.1
 
 
 @dataclass(frozen=True)
@@ -99,7 +108,7 @@ def _one(evidence, noise, pad, k, travel, limits):
     axis = evidence.directions[evidence.pads.index(pad)]
     frame = push_frame(axis)
     moved = (optical.values[inside, k] - optical.rest[k]) @ frame.T
-    force = _push_back(evidence, pad, axis)
+    force = _push_back(evidence, pad, axis, touch)
     known = noise.colour, np.hypot(noise.sd[k].mean(), _as_white(evidence, pad))
     one = _explained(t, moved, valid, travel, force, known, alarm)
     course = _course(t, one, valid, touch)
@@ -152,9 +161,33 @@ def _stiffness(travel, force):
 
 
 def _chosen(t, one, valid):
-    """choice.Choice of the causes of an _Explained."""
-    return choose(t, one.y[:, :1], one.fixed, one.causes, valid, one.colour, one.sd[:1],
-                  positive=POSITIVE)
+    """choice.Choice of the causes of an _Explained.
+
+    A gain and a yield are each other's rivals too where what tells them apart is less than
+    YIELDING of what they do, however far apart the noise has them.
+    """
+    found = choose(t, one.y[:, :1], one.fixed, one.causes, valid, one.colour, one.sd[:1],
+                   positive=POSITIVE)
+    if COMPLIANCE not in one.causes or len({GAIN, COMPLIANCE} & set(found.estimates)) != 1:
+        return found
+    name, other = (GAIN, COMPLIANCE) if GAIN in found.estimates else (COMPLIANCE, GAIN)
+    if other in found.rivals[name] or not _alike(one, name, other, found.estimates, valid):
+        return found
+    return replace(found, rivals={**found.rivals, name: (*found.rivals[name], other)})
+
+
+def _alike(one, name, other, estimates, valid):
+    """True if the column `other` can stand for `name`, of the sign that it has, but for YIELDING.
+
+    one : _Explained;  estimates : of what was chosen. Beside everything else that is fitted.
+    """
+    beside = [*one.fixed.values(), *(one.causes[n] for n in estimates if n != name)]
+    columns = np.stack([*beside, one.causes[name], one.causes[other]], axis=1)[valid]
+    Q = np.linalg.qr(columns[:, :-2] / np.maximum(np.abs(columns[:, :-2]).max(axis=0), 1e-300))[0]
+    mine, its = (columns[:, -2:] - Q @ (Q.T @ columns[:, -2:])).T
+    share = (mine @ its) / (its @ its)
+    return (share * estimates[name][0] * (1.0 if other in POSITIVE else 0.0) >= 0.0
+            and np.linalg.norm(mine - share * its) < YIELDING * np.linalg.norm(mine))
 
 
 def _course(t, one, valid, touch):
@@ -240,15 +273,29 @@ def push_frame(axis):
     return np.stack([axis, up, np.cross(axis, up)])
 
 
-def _push_back(evidence, pad, axis):
-    """(t, force [N]) pushing back on a pad along its axis; None if it was not measured."""
-    force = evidence.get(FORCE)
+def _push_back(evidence, pad, axis, touch):
+    """(t, force [N]) pushing back on a pad along its axis; None if it was not measured.
+
+    Without what does not follow the pads: a yield multiplies the sensor's noise, which would make
+    any gain the better explanation (instrumental variables: Fuller 1987, Measurement Error Models,
+    sec. 1.4). Of few samples as it was read.
+    """
+    force, encoder = evidence.get(FORCE), evidence.get(ENCODER)
     if force is None or pad not in force.names:
         return None
     j = force.names.index(pad)
     seen = force.valid[:, j]
     push = -force.vectors[seen, j] @ axis
-    return (force.t[seen], push) if seen.sum() >= FEWEST and np.ptp(push) > 0.0 else None
+    if seen.sum() < FEWEST or np.ptp(push) == 0.0:
+        return None
+    known = encoder.valid.all(axis=1)
+    travel = encoder.t[known], encoder.values[known, :, 0]
+    past = history_columns(force.t[seen], travel, touch)
+    X = np.stack([np.ones(len(push)), *drift_columns(force.t[seen]).values(), *past.values()],
+                 axis=1)
+    if len(push) < SAMPLES * X.shape[1]:
+        return force.t[seen], push
+    return force.t[seen], X @ np.linalg.lstsq(X, push, rcond=1e-8)[0]
 
 
 def _causes(then, travel, force):

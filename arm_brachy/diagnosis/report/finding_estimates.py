@@ -12,6 +12,8 @@ from arm_brachy.diagnosis.results.parts import Interval, Place
 from arm_brachy.diagnosis.statistics.linear_gaussian import TO_90
 from arm_brachy.registry import by_name
 
+BEGINNINGS = {'start'}      # of a play: parameters that say how a term begins, not how much of it
+
 
 def cause_of(finding, probability, option=0):
     """Cause of a finding.Finding that names a term.
@@ -33,19 +35,21 @@ def cause_of(finding, probability, option=0):
 def merged(finding, beside):
     """One Cause of two alike: of a finding, which the model had, and of what was found beside it.
 
-    Numbers that both have add up, their intervals with them in quadrature; None where the causes
-    are not of one term in one place, or a number of it does not count from zero.
+    Numbers that both have add up, their intervals with them in quadrature, but for a state at
+    the beginning, which is the finding's. None where the causes are not of one term in one place,
+    or a number of it does not count from zero.
     """
     if (finding.term, finding.applies_to, finding.option) != (
             beside.term, beside.applies_to, beside.option):
         return None
     infos = quantities(by_name(finding.term))
-    both = set(finding.parameters) & set(beside.parameters)
+    both = set(finding.parameters) & set(beside.parameters) - BEGINNINGS
     if any(infos[name].neutral != 0.0 for name in both):
         return None
     sums = {name: _sum(finding.parameters[name], beside.parameters[name]) for name in both}
-    return replace(finding, parameters={**finding.parameters, **beside.parameters, **sums},
-                   probability=max(finding.probability, beside.probability))
+    began = {name: finding.parameters[name] for name in BEGINNINGS & set(finding.parameters)}
+    return replace(finding, probability=max(finding.probability, beside.probability),
+                   parameters={**finding.parameters, **beside.parameters, **sums, **began})
 
 
 def _sum(one, other):

@@ -93,20 +93,25 @@ def sigma(value, sd, slack=0.0):
     return float(np.sqrt(np.sum(np.square(np.asarray(value) / both))))
 
 
-def sigma_of_few(value, sd, dof, slack=0.0):
-    """As `sigma`, where sd (c,) is estimated itself, from so many degrees of freedom.
+def log_tail(value, sd, dof, slack=0.0):
+    """Log of the chance of an estimate as large as `value` (c,), whose sd (c,) is estimated too.
 
-    z of the chi^2 that is as rare as the Fisher statistic; with slack, which is known, the degrees
-    of freedom are Satterthwaite's (1946, Biometrics Bull 2:110), of the axis that has fewest.
+    dof : degrees of freedom from which sd is known;  slack : as of `sigma`
+    Of the Fisher statistic; with slack, which is known, the degrees of freedom are Satterthwaite's
+    (1946, Biometrics Bull 2:110), of the axis that has fewest.
     Valid for errors that are Gaussian and independent.
     """
     value, sd = np.atleast_1d(value), np.atleast_1d(sd)
     plain = sigma(value, sd, slack)
     known = dof * ((sd**2 + slack**2) / np.maximum(sd**2, 1e-300))**2
-    rare = f.logsf(plain**2 / len(value), len(value), known.min())
-    if rare < np.log(1e-300):
+    return float(f.logsf(plain**2 / len(value), len(value), known.min()))
+
+
+def sigma_of_tail(log_chance, dof=1):
+    """z of the chi^2 of `dof` components that is as rare."""
+    if log_chance < np.log(1e-300):
         return CERTAIN
-    return float(np.sqrt(chi2.isf(np.exp(rare), len(value))))
+    return float(np.sqrt(chi2.isf(min(np.exp(log_chance), 1.0), dof)))
 
 
 def weighted_mean(estimates, slack=0.0):

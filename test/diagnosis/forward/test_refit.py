@@ -241,6 +241,15 @@ def test_what_drives_the_pads_is_found_in_a_few_runs(record, truth):
     assert found.runs <= 10
 
 
+def test_play_that_begins_inside_its_gap_says_where(record):
+    """It was taken as homed, and a touch point that is off had to make up for the rest."""
+    truth = Backlash(width=6e-4, actuators=(0,), start=0.6)
+    found = refit([record((truth,))], (hypothesis(Backlash, actuators=(0,)),), [np.array([0.5])])
+    width_, start = (found.estimates[0][name] for name in ('width', 'start'))
+    assert holds(width_, truth.width) and holds(start, truth.start)
+    assert 0.0 <= start.low < start.high <= 1.0
+
+
 def test_two_causes_at_once_and_the_model_has_a_third(linear, encoder, record):
     known = OpticalScale(scale=0.01)
     truth = (ActuatorGain(gain=0.06, actuators=(0,)), ForceGain(gain=-0.1, pads=('pad_1',)))

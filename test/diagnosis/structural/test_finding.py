@@ -7,12 +7,17 @@ from scipy.stats import chi2, norm
 from arm_brachy.diagnosis.results.finding import (
     ALARM,
     CERTAIN,
+    log_tail,
     probability,
     sigma,
-    sigma_of_few,
+    sigma_of_tail,
     threshold,
 )
 from arm_brachy.diagnosis.settings import FindingRules
+
+
+def sigma_of_few(value, sd, dof, slack=0.0):
+    return sigma_of_tail(log_tail(value, sd, dof, slack), np.size(value))
 
 
 @pytest.mark.parametrize('dof', [3, 8])

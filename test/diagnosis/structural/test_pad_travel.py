@@ -1,21 +1,27 @@
 """What the marker on a pad says of its actuator: each cause planted, sized and named."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from arm_brachy.devices.force_sensor import ForceSensorParams
+from arm_brachy.diagnosis.isolation.actuators import actuator_findings
 from arm_brachy.diagnosis.isolation.pad_tracking import (
     COMPLIANCE,
     DELAY,
     GAIN,
     PLAY,
+    _chosen,
+    _Explained,
     pad_travels,
     push_frame,
 )
 from arm_brachy.diagnosis.signals.loading import evidence_of
 from arm_brachy.diagnosis.signals.preparation import prepare
 from arm_brachy.diagnosis.signals.regressors import play
+from arm_brachy.diagnosis.statistics.noise_process import Colour
 from arm_brachy.registry import parse_terms
 
 PLANTED = {
@@ -86,6 +92,43 @@ def test_one_push_cannot_tell_gain_from_compliance(laboratory, entry):
     one = one_push(laboratory, entry)
     (named, (_, sd)), = [(c, v) for c, v in one.causes.items() if c in (GAIN, COMPLIANCE)]
     assert {named, *one.rivals[named]} == {GAIN, COMPLIANCE} and sd > 0.0
+
+
+@pytest.mark.parametrize('gain', [-0.06, 0.06])
+def test_without_forces_a_pad_that_falls_short_may_yield(laboratory, gain):
+    """Its marker alone cannot tell; what goes too far does not yield."""
+    lab = laboratory(parse_terms([{'name': 'actuator_gain', 'gain': gain, 'actuators': [0]}],
+                                 'test'), 3)
+    run = replace(lab.record([(np.array([6e-3, 0.0, 0.0]), 0.01, 1.0)]), force=None,
+                  force_pads=())
+    prepared = prepare(evidence_of(run, lab.scene))
+    found, = actuator_findings(prepared, pad_travels(
+        prepared.evidence, prepared.noise['optical'], prepared.motion.touch, alarm=1e-5))
+    assert found.term == 'actuator_gain'
+    assert ('actuator_compliance' in found.rivals) is (gain < 0.0)
+
+
+def test_noise_of_the_force_sensor_is_no_gain(laboratory, short_pushes):
+    """A yield times that noise was louder than the marker: the yield came out 12 % too small."""
+    lab = laboratory(parse_terms([PLANTED[COMPLIANCE][0]], 'test'), 4,
+                     force=ForceSensorParams(noise=0.6))
+    one = next(p for p in travels(lab.record(short_pushes()), lab.scene) if p.pad == 'pad_0')
+    assert GAIN not in one.causes
+    assert one.causes[COMPLIANCE][0] == pytest.approx(1.25e-4, rel=0.05)
+
+
+def test_a_yield_in_proportion_to_the_push_and_a_gain_are_rivals_in_any_noise():
+    """What tells them apart, 1 % of either, a law that bends may have."""
+    t = np.linspace(0.0, 20.0, 2000)
+    u = 5e-3 * np.sin(t) ** 2
+    force = 300.0 * u * (1.0 + 0.02 * np.sin(3.0 * t))
+    one = _Explained((-0.1 * u)[:, None], {'offset': np.ones_like(t)},
+                     {GAIN: u, COMPLIANCE: -force}, None, Colour(), np.array([1e-6]), (), 0.0,
+                     None)
+    found = _chosen(t, one, np.ones_like(t, dtype=bool))
+    assert set(found.estimates) == {GAIN} and found.rivals[GAIN] == (COMPLIANCE,)
+    fast = replace(one, causes={GAIN: u, COMPLIANCE: -force * (1.0 + 0.5 * np.sin(5.0 * t))})
+    assert _chosen(t, fast, np.ones_like(t, dtype=bool)).rivals == {GAIN: ()}
 
 
 def test_gain_and_play_together(laboratory, pushes):
