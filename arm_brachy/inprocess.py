@@ -17,8 +17,10 @@ import numpy as np
 
 from arm_brachy import cell as cells
 from arm_brachy import graph
-from arm_brachy.control import procedure, push_protocol
+from arm_brachy.control import push_protocol
 from arm_brachy.control.goal import Goal, GoalKind
+from arm_brachy.control.procedure_steps import MOVE
+from arm_brachy.control.procedure_steps import Phase as Step
 from arm_brachy.control.safety import Permission, Safety
 from arm_brachy.control.sequencer import Action, Phase, at_home
 from arm_brachy.core.errors import CommandRefused, ConfigError
@@ -101,7 +103,7 @@ class InProcess:
         if self.protocol is not None:
             return self.protocol.moves_over
         if self.probe is not None:
-            return self.probe.procedure.phase in (procedure.Phase.HOMING, procedure.Phase.FINISHED)
+            return self.probe.procedure.phase in (Step.HOMING, Step.FINISHED)
         last = len(self._cell.scenario.tasks) - 1
         return self.sequencer.index >= last and self.sequencer.phase in (Phase.HOMING,
                                                                          Phase.FINISHED)
@@ -300,7 +302,7 @@ class InProcess:
             asked, start, answer, axes = self._goal
             mode = f'{self._cell.scenario.control.loop}_loop'
             self._log.windows.append(TaskWindow(
-                procedure.MOVE, asked.target, start, self.t, answer.start, answer.reference, axes,
+                MOVE, asked.target, start, self.t, answer.start, answer.reference, axes,
                 mode))
             self._goal = None
 

@@ -8,7 +8,7 @@ that is asked for is made in the next tick and heard by the arm in the one after
 import numpy as np
 
 from arm_brachy import cell as cells
-from arm_brachy.control.procedure import Kind, NeedleSeen, ProbeSeen
+from arm_brachy.control.procedure_steps import Kind, NeedleSeen, ProbeSeen
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome

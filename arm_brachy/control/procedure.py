@@ -23,19 +23,25 @@ Nothing is ordered while the safety state is not RUN. No ROS, no clock: time is 
 """
 
 from collections import deque
-from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from arm_brachy.control.needle_plan import NoPlan, plan
 from arm_brachy.control.needle_sight import probe_fault, target_fault, tip_fault
 from arm_brachy.control.overlay_reader import OverlayReader
+from arm_brachy.control.procedure_steps import (
+    SLOW,
+    WAY_BACK,
+    Kind,
+    NeedleSeen,
+    Order,
+    Phase,
+    ProbeSeen,
+)
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.probe_phase import ProbePhase
 
-MOVE = 'bring_target'   # name of the task during which the pads move the target
 AVERAGED = 1.0      # s of estimates whose mean is where the target is
 _FRESH = 0.5        # s, age from which on an estimate says nothing any more
 _STEP = 0.2e-3      # m by which a wanted depth has to change before it is ordered
@@ -44,69 +50,6 @@ _SHIFT = 0.3e-3     # m by which a wanted goal has to: three errors of what the 
 _ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: depth sensor's error
 _MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
 _OUT = 1.5e-3       # m of told depth below which the needle is out
-
-
-class Phase(Enum):
-    """Where the procedure stands."""
-
-    SETTLING = 'settling'
-    REGISTERING = 'registering'
-    MOVING = 'moving'
-    SCANNING = 'scanning'
-    PLACING = 'placing'
-    APPROACHING = 'approaching'
-    MEETING = 'meeting'
-    INSERTING = 'inserting'
-    DWELLING = 'dwelling'
-    WITHDRAWING = 'withdrawing'
-    RETRACTING = 'retracting'
-    HOMING = 'homing'
-    FINISHED = 'finished'
-
-
-class Kind(Enum):
-    """What can be ordered; the value is `Order.value`'s meaning."""
-
-    SET_GOAL = 'position (3,) [m] of the target'
-    SHIFT = 'position (3,) [m] of the target, corrected: the same task'
-    ARRIVED = 'nothing: the target is at its goal, which the pads keep'
-    RELEASE = 'nothing: drop the goal and send the pads home'
-    SCAN = 'nothing: scan the skin'
-    PLACE = 'hole (3,) [m], roll [rad]'
-    DRIVE = 'depth [m], speed [m/s]'
-    TURN = 'roll [rad]'
-    STAY = 'nothing: the needle holds'
-    FOLLOW = 'nothing: the probe follows the tip'
-    RETRACT = 'nothing: the probe goes off the skin'
-    FINISH = 'nothing: all is over'
-
-
-@dataclass(frozen=True)
-class Order:
-    """One thing to do now."""
-
-    kind: Kind
-    value: tuple = ()
-
-
-@dataclass(frozen=True)
-class NeedleSeen:
-    """What is told of the needle: depth [m], tip (3,) [m] or None, R (3, 3) of it or None."""
-
-    depth: float
-    tip: np.ndarray | None = None
-    R: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class ProbeSeen:
-    """What the probe's controller says; see ProbeState."""
-
-    phase: int = ProbePhase.IDLE
-    in_contact: bool = False
-    out_of_plane: float = np.nan
-    outcome: Outcome = Outcome.OK
-    message: str = ''
 
 
 class Procedure:
@@ -183,7 +126,7 @@ class Procedure:
 
     def refused(self, message):
         """An order was refused: the step fails, a step of the way back goes on to the next."""
-        if self.phase in _WAY_BACK:
+        if self.phase in WAY_BACK:
             self._next_back()
         else:
             self._fail(Outcome.REJECTED, message)
@@ -501,10 +444,10 @@ class Procedure:
 
     def _timed_out(self, limit):
         """A step lasted too long; on the way back the next step begins."""
-        said = _SLOW.get(self.phase, '')
+        said = SLOW.get(self.phase, '')
         said = said.format(error=f'{1e3 * self._error:.2f}',
                            depth=f'{1e3 * self._needle.depth:.1f}')
-        if self.phase in _WAY_BACK:
+        if self.phase in WAY_BACK:
             if self.outcome.ok:
                 self.outcome = Outcome.TIMED_OUT
                 self.message = f'{self.phase.value}: not over within {limit:g} s: {said}'
@@ -514,7 +457,7 @@ class Procedure:
         return []
 
     def _next_back(self):
-        self._enter(_WAY_BACK[_WAY_BACK.index(self.phase) + 1])
+        self._enter(WAY_BACK[WAY_BACK.index(self.phase) + 1])
 
     def _forbidden(self):
         """Everybody stands still by the supervisor's word; a step under way has failed.
@@ -541,19 +484,3 @@ class Procedure:
 
 def _numbers(values):
     return ' '.join(f'{v:.6g}' for v in values)
-
-
-_WAY_BACK = (Phase.WITHDRAWING, Phase.RETRACTING, Phase.HOMING, Phase.FINISHED)
-_SLOW = {
-    Phase.REGISTERING: 'no estimate of the target; look at the markers',
-    Phase.MOVING: 'the target is {error} mm from its goal; choose another hole',
-    Phase.SCANNING: 'no cloud came; look at the scanner',
-    Phase.PLACING: 'the needle is {depth} mm deep; look at its drive',
-    Phase.APPROACHING: 'no contact over the tip; look at the probe',
-    Phase.MEETING: 'the image plane has not met the tip; choose a smaller view, or look at the '
-                   'probe',
-    Phase.INSERTING: 'the needle is {depth} mm deep; look at its drive',
-    Phase.WITHDRAWING: 'the needle is {depth} mm deep; pull it out by hand',
-    Phase.RETRACTING: 'the probe has not come off; look at the arm',
-    Phase.HOMING: 'the pads are not home; look at the actuators',
-}

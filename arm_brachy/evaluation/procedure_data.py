@@ -75,7 +75,7 @@ class ProcedureData:
     shafts: dict = field(default_factory=dict)
 
     def when(self, phase):
-        """(start, end) [s] of a step, by the name of control.procedure.Phase; None if none."""
+        """(start, end) [s] of a step, by the name of procedure_steps.Phase; None if none."""
         for i, (t, said) in enumerate(self.steps):
             if said.get('phase') == phase:
                 later = [s for s, other in self.steps[i + 1:] if other.get('phase') != phase]

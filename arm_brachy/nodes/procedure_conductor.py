@@ -6,7 +6,7 @@ from std_srvs.srv import Trigger
 
 from arm_brachy import cell as cells
 from arm_brachy import graph
-from arm_brachy.control.procedure import MOVE, Kind, NeedleSeen, ProbeSeen
+from arm_brachy.control.procedure_steps import MOVE, Kind, NeedleSeen, ProbeSeen
 from arm_brachy.control.safety import Permission
 from arm_brachy.control.sequencer import at_home
 from arm_brachy.core.outcome import Outcome

@@ -4,14 +4,9 @@ import numpy as np
 import pytest
 
 from arm_brachy.control.needle_plan import NeedleCourse
-from arm_brachy.control.procedure import (
-    Kind,
-    NeedleSeen,
-    Phase,
-    ProbeSeen,
-    Procedure,
-)
+from arm_brachy.control.procedure import Procedure
 from arm_brachy.control.procedure_params import ProcedureParams
+from arm_brachy.control.procedure_steps import Kind, NeedleSeen, Phase, ProbeSeen
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.outcome import Outcome
 
