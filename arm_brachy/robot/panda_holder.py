@@ -10,8 +10,10 @@ from arm_brachy.robot.arm_loop import (
     IN_CONTACT,
     MEASURED,
     NO_TRIP,
+    POSE,
     TRIP,
     Machine,
+    Memory,
     Rules,
     Task,
     Touch,
@@ -70,10 +72,16 @@ class PandaHolder:
         R, p = self._arm.pose(self._q_home)
         self._memory = start_memory(self._q_home, R, p, self._arm.gravity_torque(self._q_home),
                                     load)
-        self._machine, self._rules = self._set_up()
-        self._gains = Gains(**vars(params.impedance))
-        self._switched = SwitchedGains(**vars(params.switched))
-        self._rates, self._limits = lead_limits(params.reference)
+        self._fixed = (*self._set_up(), Gains(**vars(params.impedance)),
+                       SwitchedGains(**vars(params.switched)), *lead_limits(params.reference))
+        self._compile()
+
+    def _compile(self):
+        """Have the loop compiled now, by a period of a spare memory: no tick waits for that."""
+        R, p = self._in_base(*self.home)
+        task = Task(POSE, R, p, np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, self._params.clearance)
+        spare = Memory(*map(np.copy, self._memory))
+        run_period(*self._fixed, task, self._touch(None), spare, np.zeros(6), 0.0)
 
     def _set_up(self):
         arm, params, limits = self._arm, self._params, panda.JOINT_LIMITS
@@ -127,8 +135,7 @@ class PandaHolder:
         memory.reading[:] = 0.0
         self._periods = periods
         forces = np.empty(periods)
-        simulation, fixed = self._simulation, (self._machine, self._rules, self._gains,
-                                               self._switched, self._rates, self._limits)
+        simulation, fixed = self._simulation, self._fixed
         for k in range(periods):
             simulation.read_into(memory.q, memory.dq)
             simulation.advance(run_period(*fixed, task, touch, memory, errors[k], k * PERIOD))

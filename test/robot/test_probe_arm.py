@@ -10,7 +10,10 @@ from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.probe_phase import ProbePhase as Phase
 from arm_brachy.robot import panda_parameters as panda
+from arm_brachy.robot.arm_loop import run_period
+from arm_brachy.robot.panda_holder import PandaHolder
 from arm_brachy.robot.probe_arm import ProbeArm, ProbeArmParams
+from arm_brachy.robot.probe_holder import Errand, Way
 from arm_brachy.robot.probe_phases import HELD, RUN, STOP
 
 RADIUS = 0.062
@@ -260,6 +263,17 @@ def test_on_a_still_body_the_force_settles_and_after_a_loss_contact_comes_back()
     for _ in range(10):
         step = bench.run(TICK)
     assert step.in_contact and step.phase is Phase.FOLLOW
+
+
+def test_the_loop_is_compiled_before_the_arm_moves():
+    holder = PandaHolder(PARAMS, np.random.default_rng(3))
+    compiled, at = list(run_period.signatures), holder.state()
+    still, stiffness = np.zeros(3), SPRING * np.eye(6)
+    assert compiled and not at.dq.any()
+    for reading in (None, SimpleNamespace(wrench=np.zeros(6), stiffness=stiffness)):
+        holder.run(Errand(Way.FORCE, at.R, at.p, still, still, force=3.0), reading, 2)
+    holder.close()
+    assert run_period.signatures == compiled
 
 
 def test_the_same_seed_gives_the_same_bits():
