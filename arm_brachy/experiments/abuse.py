@@ -61,10 +61,9 @@ def reproduce(out_dir, faults=FAULTS, cells=CELLS, files=FILES, seed=SEED, say=l
     rows = _faults(faults, seed, log, say) if faults else []
     deaths = [log.once(f'cell {k}', lambda k=k: _death(Path(out_dir) / f'cell_{k}', k, seed, say))
               for k in range(cells)]
-    fuzz = _files(out_dir, files, seed, log, say) if files else []
-    targets = [*_fault_targets(rows, faults), *_death_targets(deaths),
-               *(target for part in fuzz for target in part['targets'])]
-    table = [*_by_kind(rows), *deaths, *(row for part in fuzz for row in part['rows'])]
+    read, judged = _files(out_dir, files, seed, log, say) if files else ([], [])
+    targets = [*_fault_targets(rows, faults), *_death_targets(deaths), *judged]
+    table = [*_by_kind(rows), *deaths, *read]
     return Result(NAME, seed, commit_of(share_dir()), machine_description(), tuple(table),
                   tuple(targets))
 
@@ -136,17 +135,18 @@ def _bench(name, scenario, n, seed, done, log, say):
 
 
 def _files(out_dir, n, seed, log, say):
-    """Rows and targets of both studies of damaged files."""
+    """(rows, targets) of both studies of damaged files."""
+    say('damaged files: tables')
+    tables = log.once(f'{n} files: tables', lambda: json.loads(import_fuzz.reproduce(
+        out_dir, mutants=n // 2, seed=seed).to_json()))
     each = -(-(n - n // 2) // len(reader_fuzz.KINDS))
-    parts = (('tables', lambda: import_fuzz.reproduce(out_dir, mutants=n // 2, seed=seed)),
-             ('readers', lambda: reader_fuzz.reproduce(out_dir, mutants=each, seed=seed)))
-    found = []
-    for name, study in parts:
-        say(f'damaged files: {name}')
-        part = log.once(f'{n} files: {name}', lambda study=study: json.loads(study().to_json()))
-        found.append({'rows': part['rows'],
-                      'targets': [Target(**target) for target in part['targets']]})
-    return found
+    rows = []
+    for kind in reader_fuzz.KINDS:
+        say(f'damaged files: {kind}')
+        rows += log.once(f'{n} files: {kind}', lambda kind=kind: reader_fuzz.reproduce(
+            out_dir, mutants=each, seed=seed, kinds=(kind,)).rows)
+    return ([*tables['rows'], *rows], [*(Target(**target) for target in tables['targets']),
+                                       *reader_fuzz.targets_of(rows)])
 
 
 def _by_kind(rows):

@@ -514,13 +514,19 @@ def reproduce(out_dir, mutants=MUTANTS, seed=SEED, kinds=tuple(KINDS), keep=None
         for number, what in wrong:
             say(f'  {name} {number}: {what}')
     gc.unfreeze()
+    return Result(NAME, seed, commit_of(share_dir()), machine_description(), tuple(rows),
+                  targets_of(rows))
+
+
+def targets_of(rows):
+    """The Targets of rows of `fuzz`."""
     bad = sum(row[key] for row in rows for key in ('crash', 'hang', 'differs'))
     slow = max(row['slowest_cpu_s'] for row in rows)
     large = max(row['largest_mb'] for row in rows)
-    return Result(NAME, seed, commit_of(share_dir()), machine_description(), tuple(rows), (
+    return (
         Target('crashes, hangs and differences', bad, '', '0', bad == 0),
         Target('slowest file, processor time', slow, 's', f'<= {LONGEST_S:g}', slow <= LONGEST_S),
-        Target('largest process', large, 'MB', f'<= {LARGEST_MB:g}', large <= LARGEST_MB)))
+        Target('largest process', large, 'MB', f'<= {LARGEST_MB:g}', large <= LARGEST_MB))
 
 
 def main():

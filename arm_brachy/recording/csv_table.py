@@ -19,6 +19,7 @@ from arm_brachy.recording.csv_layout import cells_of, guess_delimiter, recognise
 from arm_brachy.recording.csv_map import TIME_UNITS
 
 # As C libraries, Excel, R, pandas and data bases write it.
+BLANK = ' \t\r'
 MISSING = frozenset({'', 'nan', '-nan', '+nan', 'nan(ind)', '-nan(ind)', '1.#qnan', '-1.#qnan',
                      '1.#ind', '-1.#ind', '1.#snan', 'na', 'n/a', '#n/a', '#na', 'null', 'none'})
 LATEST = 9e9        # s: a stamp has 63 bits of nanoseconds, and seconds of a date have ten digits
@@ -269,7 +270,8 @@ def _numbers(table, index, name):
     """One column as floats (n,). Cell by cell only if need be: numpy is ten times faster."""
     options, texts = table.options, [row[index] for row in table.rows]
     values = None
-    if not options.missing and options.decimal == '.' and not any('_' in text for text in texts):
+    if not options.missing and options.decimal == '.' and all(
+            '_' not in text and text.isprintable() for text in texts):
         try:
             values = np.array(texts, dtype=float)
         except ValueError:
@@ -285,11 +287,12 @@ def _numbers(table, index, name):
 
 
 def _number(path, line, name, cell, missing, options):
-    text = cell.strip()
+    text = cell.strip(BLANK)
     if text in missing or text.lower() in missing:
         return math.nan
     try:
-        if '_' in text or not text.isascii():   # Python's digits, nobody's instrument
+        # Python's digits, and control characters that it takes for blanks: nobody's instrument
+        if '_' in text or not text.isascii() or not text.isprintable():
             raise ValueError
         # Where decimals follow a comma a point parts thousands, perhaps: no number is guessed.
         return float(text if options.decimal == '.' else

@@ -38,6 +38,7 @@ def table(tmp_path, text, **changes):
     ('t,x,y\n0,1,2\n1,1\n', 'ends in the midst of its last row; set `incomplete: skip`'),
     ('frame,x\n1,0\n2,0\n', "no column 't'"),
     ('t,x\n0,1_0\n', "'1_0' is no number"),
+    ('t,x\n0,\x1c10\n', 'is no number'),
     ('t,x\n1e30,1\n', 'a.csv:2:t: 1e+30 s is no time'),
     ('time,x\n0,1\n', "no column 't'"),
 ])
