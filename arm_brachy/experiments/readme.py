@@ -89,7 +89,8 @@ def _headline(results):
                for name in ('arm_brachy', 'FElupe + PARDISO')}
     inside = {r['estimator']: r['mean_error_mm'] for r in _judged(results)
               if r['markers'] in (0, MARKERS)}
-    in_plane = [r['tip_in_plane_percent'] for r in _load(results, 'chapter-6')['rows']]
+    procedures = _load(results, 'chapter-6')['rows']
+    in_plane = [r['tip_in_plane_percent'] for r in procedures]
     rows = (
         ('Does the closed loop reach its goals? Largest steady-state error of 15 tasks',
          f'{errors["closed"]:.3f} mm; without feedback {errors["open"]:.2f} mm',
@@ -101,7 +102,8 @@ def _headline(results):
          '[estimators](docs/results/estimators.md)'),
         ('Does the ultrasound probe stay on the needle tip? Share of the insertion with the tip '
          'within 0.5 mm of the image plane',
-         f'{min(in_plane):.1f} to {max(in_plane):.1f} % in five scenarios',
+         f'{min(in_plane):.1f} to {max(in_plane):.1f} % in '
+         f'{len({r["scenario"] for r in procedures})} scenarios',
          '[needle and probe](docs/results/procedures.md)'),
         ('Is the verdict right for three phantoms simulated by independent code? Cases',
          f'{right} of {planned}',
