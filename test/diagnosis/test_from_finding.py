@@ -99,6 +99,21 @@ def test_findings_alike_on_two_pads_are_one_class(scene):
         ('actuator_gain', 1, (0,)), ('actuator_compliance', 2, (0,))]
 
 
+def test_an_option_may_be_several_causes_each_of_its_own_stream(scene):
+    """Pads lag, or the clocks of all streams are off: it was one clock, of no stream."""
+    lag = Finding('encoder', '', 'actuator_lag', 'time_constant', 0.013, 's', 1e-4, 60.0, 0.0, 9.0,
+                  'All others are late.', ('clock_offset',), parameters={'time_constant': 0.013},
+                  ways={'clock_offset': ({'stream': 'optical', 'delay': 0.013},
+                                         {'stream': 'force', 'delay': 0.012})})
+    causes, where, _ = answered(scene, lag)
+    assert [(c.term, c.option, c.applies_to) for c in causes] == [
+        ('actuator_lag', 1, {}), ('clock_offset', 2, {'stream': 'optical'}),
+        ('clock_offset', 2, {'stream': 'force'})]
+    assert [p.stream for p in where] == ['encoder', 'optical', 'force']
+    assert causes[2].parameters['delay'].value == 0.012
+    assert causes[2].parameters['delay'].high < 0.013
+
+
 def test_tissue_that_the_model_did_not_find_is_no_option(scene):
     causes, _, _ = answered(scene, gain(('inclusion',)))
     assert [(c.term, c.option) for c in causes] == [('actuator_gain', 0)]

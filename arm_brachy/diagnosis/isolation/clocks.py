@@ -53,7 +53,7 @@ def clock_findings(prepared, clocks):
     odd = {k: c for k, c in clocks.items() if sigma(c.value, c.sd, slack) > LIMIT}
     shared, sole = _shared(clocks, odd, slack)
     if sole and shared[0] > 0.0:
-        return (_pads_late(prepared, shared, slack),)
+        return (_pads_late(prepared, clocks, shared, slack),)
     return tuple(_late(prepared, kind, one, shared, slack) for kind, one in odd.items())
 
 
@@ -75,15 +75,19 @@ def _shared(clocks, odd, slack):
     return (mean, sd), len(odd) > 1 or alone - apart > INDISTINCT
 
 
-def _pads_late(prepared, shared, slack):
-    """The finding that every stream is late alike, by `shared` (value, sd) [s]."""
+def _pads_late(prepared, clocks, shared, slack):
+    """The finding that every stream is late alike, by `shared` (value, sd) [s].
+
+    clocks : kind -> Lateness of all of them. Its rival is that all their clocks are off.
+    """
     value, sd = shared
     return Finding(
         ENCODER, '', 'actuator_lag', 'time_constant', value, 's', sd, sigma(value, sd, slack),
         *map(float, prepared.evidence.span),
         f'All other streams are {1e3 * value:.1f} ms late against the encoders: the pads lag '
         'behind their encoders, or the stamps of the encoders are early.', ('clock_offset',),
-        parameters={'time_constant': value}, slack=slack)
+        parameters={'time_constant': value}, slack=slack,
+        ways={'clock_offset': tuple({'stream': kind, 'delay': value} for kind in clocks)})
 
 
 def _late(prepared, kind, one, shared, slack):

@@ -68,15 +68,20 @@ def _together(one, other):
 def options_of(finding, rivals, probability):
     """(Cause, Finding) of a finding.Finding and of each of some rivals: options 1, 2 and so on.
 
-    probability : that one of them holds, shared evenly. A rival's parameters are not known.
+    probability : that one of them holds, shared evenly. A rival's parameters are not known, but
+    for those in `Finding.ways`, where an option may be several causes together.
     """
     share = probability / (1 + len(rivals))
     options = [(cause_of(finding, share, 1), finding)]
     for number, rival in enumerate(rivals, start=2):
-        names = set(f.name for f in fields(by_name(rival))) - set(quantities(by_name(rival)))
-        chosen = {k: v for k, v in finding.parameters.items() if k in names}
-        options.append((Cause(rival, {}, chosen, share, number),
-                        replace(finding, term=rival, parameter='', parameters=chosen)))
+        scaled = set(quantities(by_name(rival)))
+        names = set(f.name for f in fields(by_name(rival))) - scaled
+        own = {k: v for k, v in finding.parameters.items() if k in names}
+        for way in finding.ways.get(rival, (own,)):
+            said = replace(finding, term=rival, parameters=way,
+                           stream=way.get('stream', finding.stream),
+                           parameter=next((name for name in way if name in scaled), ''))
+            options.append((cause_of(said, share, number), said))
     return options
 
 

@@ -30,6 +30,8 @@ class Finding:
         made from them; empty without a term
     slack : sd [SI] of what calibration leaves in the value besides; its interval has both
     errors : sd [SI] of other parameters that were estimated with it, of the same slack
+    ways : rival -> parameters, as above, of each of those that it would take together; a rival
+        that is not in it has the finding's own place
     """
 
     stream: str
@@ -48,6 +50,7 @@ class Finding:
     parameters: dict = field(default_factory=dict)
     slack: float = 0.0
     errors: dict = field(default_factory=dict)
+    ways: dict = field(default_factory=dict)
 
     @property
     def nameless(self):

@@ -211,6 +211,8 @@ def test_what_all_streams_share_is_one_cause(prepared, clocks, terms, rivals):
     assert {one.term for one in found} == terms
     assert {rival for one in found for rival in one.rivals} == rivals
     assert len(found) == 1 or found[0].value < 0.0
+    if terms == {'actuator_lag'}:
+        assert {one['stream'] for one in found[0].ways['clock_offset']} == set(clocks)
 
 
 @dataclass(frozen=True)
