@@ -253,7 +253,9 @@ def procedure_targets(numbers):
         goal('tip found in the image: rms error', numbers.localisation_rms * MM, 'mm', '<= 0.5',
              lambda v: v <= LOCALISED * MM),
         force('force_rms', 'rms error', '<= 0.1', FORCE_RMS),
-        force('force_steady', 'mean error at the end of the dwell', '<= 0.01', STEADY),
+        # What a controller can do; the true one is off by the drift of the sensor's zero as well.
+        goal('contact force, as measured: mean error at the end of the dwell',
+             numbers.force_steady, 'N', '<= 0.01', lambda v: v <= STEADY),
         force('force_overshoot', 'overshoot of its goal, touch to withdrawal', '<= 0.3',
               FORCE_OVER))
 
