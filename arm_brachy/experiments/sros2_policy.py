@@ -24,7 +24,7 @@ CALLS = {
                  'mpc_manipulator/abort', 'actuator_driver/home',
                  'actuator_driver/set_parameters', 'surface_scanner/scan',
                  'surface_scanner/set_parameters',
-                 'probe_controller/follow', 'probe_controller/hold', 'probe_controller/retract',
+                 'probe_controller/follow', 'probe_controller/retract',
                  'probe_controller/set_parameters'),
     'push_protocol': ('actuator_driver/home', 'actuator_driver/set_parameters'),
 }
