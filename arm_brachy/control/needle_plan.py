@@ -15,8 +15,8 @@ import numpy as np
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.outcome import Outcome
 
-ROLLS = 24          # sides of the bevel that are tried: 15 degrees apart
-EFFORT = 0.05       # weight of a displacement by the pads against an error that stays
+ROLLS = 72          # sides of the bevel that are tried: 5 degrees apart
+EFFORT = 0.01       # weight of a displacement by the pads against an error that stays
 _DEPTH_STEPS = 3    # of a fixed point that contracts with the cosine of the tip's turn
 
 
