@@ -151,7 +151,7 @@ def test_the_scanner_scans_once_and_when_asked(make, body):
     points = convert.cloud_points(cloud)
     assert isinstance(cloud, PointCloud2) and points.shape == (cloud.width, 3)
     assert 0.055 < points[:, 2].max() < 0.062 and np.isfinite(points).all()
-    assert node._on_scan(None, Trigger.Response()).success
+    assert node.scan._on_call(None, Trigger.Response()).success
     tick(4)
     assert len(out['_pub']) == 2 and convert.nanoseconds(out['_pub'][1]) == 3 * TICK
 
