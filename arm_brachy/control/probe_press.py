@@ -38,10 +38,13 @@ def pressed(scene, terms, target, R, p, *, force, face, deepest):
         state = sim.step(_DT * len(at), home, Tools(probe=(R, p + along * depth)))
         if not state.outcome.ok:
             raise NotConverged(f'model under a probe {1e3 * depth:.0f} mm in the skin: '
-                               f'{state.outcome.advice}')
+                               f'{state.outcome.advice}, or plan without it: procedure: '
+                               '{foresee: false}')
         felt.append(-float(along @ state.instruments.probe.wrench[:3]))
         at.append(interpolate(inside, state.x)[0])
         if felt[-1] >= force:
             break
-    left = np.clip((force - felt[-2]) / (felt[-1] - felt[-2]), 0.0, 1.0)
-    return at[-2] + left * (at[-1] - at[-2]) - at[0]
+    if felt[-1] < force:        # the probe retracts there
+        return at[-1] - at[0]
+    share = (force - felt[-2]) / (felt[-1] - felt[-2])
+    return at[-2] + share * (at[-1] - at[-2]) - at[0]

@@ -26,7 +26,7 @@ from arm_brachy.nodes.bench_node import (
 )
 from arm_brachy.nodes.keyed_goal import PARAMETER, action_of
 from arm_brachy.nodes.mpc_manipulator import MpcManipulatorNode
-from arm_brachy.nodes.spin import spin_node
+from arm_brachy.nodes.spin import act_once
 from arm_brachy.nodes.supervisor import SupervisorNode
 from arm_brachy.nodes.ticker import offered
 from arm_brachy_msgs.action import MoveTarget
@@ -241,12 +241,6 @@ class AbuseBench(BenchNode):
         return False
 
 
-def _made():
-    bench = AbuseBench()
-    bench.run()
-    raise SystemExit(0)
-
-
 def main(args=None):
     """Run the faults."""
-    spin_node(_made, args)
+    act_once(AbuseBench, AbuseBench.run, args)

@@ -23,7 +23,7 @@ from arm_brachy.nodes.bench_node import (
 )
 from arm_brachy.nodes.needle_driver import NeedleDriverNode
 from arm_brachy.nodes.probe_controller import ProbeControllerNode
-from arm_brachy.nodes.spin import spin_node
+from arm_brachy.nodes.spin import act_once
 from arm_brachy.nodes.supervisor import SupervisorNode
 from arm_brachy.nodes.ticker import offered
 from arm_brachy_msgs.msg import ActuatorCommand, ProbeState
@@ -209,12 +209,6 @@ def _ball():
     return SKIN * u / np.linalg.norm(u, axis=1, keepdims=True)
 
 
-def _made():
-    bench = AbuseProbeBench()
-    bench.run()
-    raise SystemExit(0)
-
-
 def main(args=None):
     """Run the faults."""
-    spin_node(_made, args)
+    act_once(AbuseProbeBench, AbuseProbeBench.run, args)

@@ -17,7 +17,7 @@ from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.keyed_goal import SERVICE, action_of
 from arm_brachy.nodes.keyed_trigger import ticket_request
 from arm_brachy.nodes.names import targets_of
-from arm_brachy.nodes.spin import spin_node
+from arm_brachy.nodes.spin import act_once
 from arm_brachy_msgs.action import MoveTarget
 
 NODE = SERVICE.partition('/')[0]
@@ -173,12 +173,6 @@ class GoalClient(Node):
         self._interrupted = True
 
 
-def _made():
-    node = GoalClient()
-    node.pursue()
-    raise SystemExit(0)
-
-
 def main(args=None):
     """Run it; exit status 0 if the target was reached, else one line that says why not."""
-    spin_node(_made, args)
+    act_once(GoalClient, GoalClient.pursue, args)

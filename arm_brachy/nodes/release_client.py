@@ -11,7 +11,7 @@ from arm_brachy.core.errors import ArmBrachyError, ConfigError
 from arm_brachy.core.session import Session
 from arm_brachy.nodes import parameters
 from arm_brachy.nodes.keyed_trigger import ticket_request
-from arm_brachy.nodes.spin import spin_node
+from arm_brachy.nodes.spin import act_once
 
 PATIENCE_S = 10.0      # for a service to be found and to answer
 RESUME_PATIENCE_S = 2.0    # for push_protocol to hear of the reset
@@ -74,12 +74,6 @@ class ReleaseClient(Node):
         return future.result()
 
 
-def _made():
-    node = ReleaseClient()
-    node.release()
-    raise SystemExit(0)
-
-
 def main(args=None):
     """Run it; exit status 1 and one line if something was refused."""
-    spin_node(_made, args)
+    act_once(ReleaseClient, ReleaseClient.release, args)

@@ -39,6 +39,17 @@ def spin_node(make_node, args=None):
             rclpy.try_shutdown()
 
 
+def act_once(make_node, act, args=None):
+    """Run one node for what it does once: `act(node)`; exits with status 0 then.
+
+    make_node : callable returning a Node;  the rest as in `spin_node`
+    """
+    def acted():
+        act(make_node())
+        raise SystemExit(0)
+    spin_node(acted, args)
+
+
 def _end(node):
     close = getattr(node, 'close', None)
     try:

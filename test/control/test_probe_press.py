@@ -25,8 +25,8 @@ def scene(cell):
     return cell.model
 
 
-def moved(scene, force=1.0, deepest=0.025):
-    top = load_scene_mesh(scene).nodes[:, 2].max()
+def moved(scene, force=1.0, deepest=0.025, off=0.0):
+    top = load_scene_mesh(scene).nodes[:, 2].max() + off
     return pressed(scene, (), 'target_1', DOWN, np.array([0.0, 0.0, top]), force=force,
                    face=ProbeFace(), deepest=deepest)
 
@@ -37,6 +37,8 @@ def test_a_target_under_the_probe_goes_into_the_body_and_less_deep_than_the_skin
     assert 0.4 < light[2] / heavy[2] < 0.6      # nearly linear at small forces
     shallow = moved(scene, 100.0, deepest=3e-3)
     assert -3e-3 < shallow[2] < -1e-4           # no deeper than it may, whatever the force
+    aloft = moved(scene, 1.0, deepest=2e-3, off=10e-3)     # it does not touch
+    np.testing.assert_allclose(aloft, 0.0, atol=1e-6)      # the contact solver's tolerance
 
 
 def test_twice_the_force_does_to_twice_the_modulus_what_one_does_to_one(scene):
