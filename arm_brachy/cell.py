@@ -55,6 +55,7 @@ from arm_brachy.tissue.mesh import (
     rotations,
     surface_triangles,
 )
+from arm_brachy.tissue.needle_beam import NeedleBeam
 from arm_brachy.tissue.newton import NewtonOptions
 from arm_brachy.tissue.probe_face import ProbeFace
 from arm_brachy.tissue.probe_reading import ProbeReading
@@ -74,6 +75,7 @@ class Reading:
     x : (n, 3) nodes, None where the reading came over the wire
     probe : ProbeReading, None in a cell without probe
     needle_force : [N] of the tissue along the needle, positive against insertion
+    shaft : (k, 3) [m] of the needle as the tissue bends it, template to tip; None = outside
     """
 
     t: float
@@ -88,6 +90,7 @@ class Reading:
     iterations: int = 0
     probe: ProbeReading | None = None
     needle_force: float = 0.0
+    shaft: np.ndarray | None = None
 
 
 # What a cell's body leaves open at every tick, at most: 10 nm, four decades below what a tracker
@@ -162,7 +165,7 @@ class Body:
                                ('base', state.base)):
             points[[c == carrier for c in self._carrier]] += shift
         felt = state.instruments
-        extra = () if felt is None else (felt.probe, felt.needle_force)
+        extra = () if felt is None else (felt.probe, felt.needle_force, felt.shaft)
         return Reading(state.t, self.point_names, points, turns, displacement, state.pad_force,
                        state.pad_moment, state.x, state.outcome, state.iterations, *extra)
 
@@ -228,7 +231,9 @@ def _instruments(cell):
     """Probe and needle of a procedure, None in any other cell."""
     if cell.scenario.procedure is None:
         return None
-    return Instruments(ProbeFace(), NeedleForce(cell.scenario.needle.needle))
+    needle = cell.scenario.needle.needle
+    return Instruments(ProbeFace(), NeedleForce(needle), NeedleBeam(needle.rigidity,
+                                                                    needle.beside))
 
 
 def build_actuators(cell, params):
@@ -452,8 +457,9 @@ def build_procedure(cell):
     """The scenario's procedure, with the arc that needles of this kind nominally take."""
     template, params = build_template(cell), cell.scenario.needle
     side = template.R[:, 0]
+    curvature = 1.0 / params.needle.radius if params.told == 'arc' else 0.0
     needle = NeedleCourse(template.axis, side, params.needle.length,
-                          nominal_offset(params, template.axis, side))
+                          nominal_offset(params, template.axis, side), curvature)
     return Procedure(cell.scenario.procedure, template.holes, needle, cell.scenario.settle,
                      foretold_press(cell, template.axis))
 

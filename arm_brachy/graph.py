@@ -113,8 +113,12 @@ SURFACE = Topic('surface/cloud', 'sensor_msgs/msg/PointCloud2', 'skin as a scann
                 latched=True)
 PROCEDURE = Topic('procedure/state', 'diagnostic_msgs/msg/DiagnosticArray',
                   'step of a procedure, its plan, its outcome', latched=True)
+TRUTH_NEEDLE_PATH = Topic('truth/needle_path', 'geometry_msgs/msg/PoseArray',
+                          'path that the needle cuts in tissue that stands still, template to '
+                          'tip, z along it', 100)
 TRUTH_NEEDLE = Topic('truth/needle', 'geometry_msgs/msg/PoseArray',
-                     'true shaft of the needle, template to tip, z along it', 100)
+                     'true shaft of the needle as the tissue bends it, template to tip, z along '
+                     'it', 100)
 TRUTH_NEEDLE_FORCE = Topic('truth/needle_force', 'geometry_msgs/msg/WrenchStamped',
                            'tissue on needle', 100)
 TRUTH_PROBE = Topic('truth/probe', 'geometry_msgs/msg/PoseStamped', 'true pose of the probe', 100)
@@ -163,7 +167,7 @@ PROBE_TOPICS = (
     NEEDLE_COMMAND, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE, PROBE_JOINTS, PROBE_POSE, PROBE_WRENCH,
     ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP, ULTRASOUND_TARGET,
     SURFACE, PROCEDURE,
-    TRUTH_NEEDLE, TRUTH_NEEDLE_FORCE, TRUTH_PROBE, TRUTH_CONTACT)
+    TRUTH_NEEDLE_PATH, TRUTH_NEEDLE, TRUTH_NEEDLE_FORCE, TRUTH_PROBE, TRUTH_CONTACT)
 ESTIMATES = tuple(estimate(name) for name in ESTIMATORS)
 ESTIMATED_MESHES = tuple(topic(name) for name in ESTIMATORS
                          for topic in (estimate_topology, estimate_positions))
@@ -210,9 +214,9 @@ ACTUATOR_DRIVER = NodeSpec(
     services=('~/home', '~/release'))
 TISSUE_SIMULATOR = NodeSpec(
     'tissue_simulator', 'the soft body that plays the patient',
-    publishes=(TRUTH_POINTS, TRUTH_TOPOLOGY, TRUTH_POSITIONS, TRUTH_NEEDLE_FORCE, TRUTH_CONTACT,
-               *EVERYWHERE),
-    subscribes=(TRUTH_PADS, TRUTH_NEEDLE, TRUTH_PROBE),
+    publishes=(TRUTH_POINTS, TRUTH_TOPOLOGY, TRUTH_POSITIONS, TRUTH_NEEDLE, TRUTH_NEEDLE_FORCE,
+               TRUTH_CONTACT, *EVERYWHERE),
+    subscribes=(TRUTH_PADS, TRUTH_NEEDLE_PATH, TRUTH_PROBE),
     same=('actuator_driver', 'needle_driver', 'probe_controller'))
 TISSUE_MODEL = NodeSpec(
     'tissue_model', 'the same simulator as model: predicts from encoders what sensors should see',
@@ -278,7 +282,7 @@ SUPERVISOR = NodeSpec(
 NEEDLE_DRIVER = NodeSpec(
     'needle_driver', 'the needle in its hole of the template: simulated motor or hand, and depth '
     'sensor',
-    publishes=(NEEDLE_STATE, NEEDLE_TIP, TRUTH_NEEDLE, *EVERYWHERE),
+    publishes=(NEEDLE_STATE, NEEDLE_TIP, TRUTH_NEEDLE_PATH, *EVERYWHERE),
     subscribes=(NEEDLE_COMMAND, SAFETY, TRUTH_NEEDLE_FORCE),
     previous=('tissue_simulator', 'supervisor', 'operator'), services=('~/release',))
 PROBE_CONTROLLER = NodeSpec(

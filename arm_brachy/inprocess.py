@@ -12,6 +12,7 @@ own predictions.
 """
 
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -279,7 +280,11 @@ class InProcess:
 
     def shift_goal(self, position):
         """As set_goal, for a correction of the goal, which is no task of its own."""
-        return self._pursue(position)[1]
+        answer, refusal = self._pursue(position)
+        if answer is not None and self._goal is not None:
+            asked, start, first, axes = self._goal
+            self._goal = asked, start, replace(first, reference=answer.reference), axes
+        return refusal
 
     def _pursue(self, position):
         asked = self._cell.scenario.procedure
@@ -290,10 +295,14 @@ class InProcess:
         except CommandRefused as refusal:
             return None, str(refusal)
 
-    def release(self):
-        """Drop the goal and send the pads home; returns a refusal, '' if none."""
+    def rest(self):
+        """Drop the goal; the pads stay where they are."""
         self.end_move()
         self.control.abort()
+
+    def release(self):
+        """Drop the goal and send the pads home; returns a refusal, '' if none."""
+        self.rest()
         return self._send_home()
 
     def end_move(self):

@@ -14,7 +14,7 @@ from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.evaluation.procedure_data import Frame
 from arm_brachy.offline_procedure import FRAME_EVERY
-from arm_brachy.tissue.needle_path import NeedleInTissue
+from arm_brachy.tissue.needle_path import NeedleInTissue, tangents
 
 _INSIDE = 1e-6      # m of depth from which on a needle is in the way of anything
 
@@ -68,6 +68,8 @@ class ProbeSide:
                 self.needle.hold()
             elif order.kind is Kind.TURN:
                 self.needle.turn(*order.value)
+            elif order.kind is Kind.BEND:
+                self.needle.bends(*order.value)
             else:
                 self.needle.place(order.value[:3], order.value[3])
         except CommandRefused:
@@ -79,9 +81,6 @@ class ProbeSide:
         self.procedure.hear_needle(NeedleSeen(state.depth))
         self._log.add('needle', t, (state.depth, state.velocity, state.force))
         self._log.add('roll', t, state.roll)
-        self._log.add('tip', t, state.shaft[-1])
-        self._log.add('axis', t, state.axes[-1])
-        self._log.shafts[t] = state.shaft
         self._tip = None
         if state.tip_p is not None:
             self._tip = state.tip_R, state.tip_p
@@ -110,6 +109,7 @@ class ProbeSide:
         """Take the tissue's answer (cell.Reading): scan and look."""
         self._reading = reading
         self._log.shape(t, reading.x)
+        self._log_needle(t, reading)
         if self._scan_due:
             self._scan_due = False
             self._cloud = self.scanner.scan(reading.x)
@@ -121,9 +121,16 @@ class ProbeSide:
             return
         step = self._step
         frame = self.imager.see(t, reading.x, (step.R_true, step.p_true), contact.pressure,
-                                self._state.shaft, (step.R, step.p), self._tip)
+                                self._shaft, (step.R, step.p), self._tip)
         if frame is not None:
             self._take(frame)
+
+    def _log_needle(self, t, reading):
+        state = self._state
+        self._shaft = state.shaft if reading.shaft is None else reading.shaft
+        self._log.add('tip', t, self._shaft[-1])
+        self._log.add('axis', t, tangents(self._shaft, state.axes)[-1])
+        self._log.shafts[t] = self._shaft
 
     def _take(self, frame):
         self._log.note('ultrasound_imager', frame.outcome, frame.message)
@@ -177,6 +184,8 @@ class ProbeSide:
             refusal = loop.shift_goal(order.value)
         elif order.kind is Kind.ARRIVED:
             loop.end_move()
+        elif order.kind is Kind.REST:
+            loop.rest()
         elif order.kind is Kind.RELEASE:
             refusal = loop.release()
         elif order.kind is Kind.SCAN:

@@ -252,16 +252,18 @@ def _windows(tally):
     windows, start = [], None
     for t, msg in tally.tasks:
         if start is not None and msg.state in ENDED:
-            windows.append(_window(start, t))
+            windows.append(_window(start, t, msg))
             start = None
         if msg.state == Status.ACTIVE and msg.target:  # a prescribed move has none
             start = (t, msg)
     return tuple(windows)
 
 
-def _window(start, t_end):
+def _window(start, t_end, end):
+    """The goal is that of the end: a procedure corrects it while the pads are on their way."""
     t, msg = start
-    return TaskWindow(msg.name, msg.target, t, t_end, _xyz(msg.start), _xyz(msg.goal),
+    last = end if end.state == Status.DONE and end.name == msg.name else msg
+    return TaskWindow(msg.name, msg.target, t, t_end, _xyz(msg.start), _xyz(last.goal),
                       np.array(msg.axes, dtype=bool))
 
 

@@ -60,12 +60,14 @@ class NeedleCourse:
 
     axis : (3,) along the needles;  side : (3,) to which roll 0 bends them;  length : [m]
     offset : callable (roll [rad], depth [m]) -> (3,) [m] of the tip from its hole
+    curvature : [1/m] of that course
     """
 
     axis: np.ndarray
     side: np.ndarray
     length: float
     offset: Callable
+    curvature: float = 0.0
 
     def depth_at(self, hole, roll, point):
         """Return the depth [m] at which the tip is level with a point (3,) along the axis."""

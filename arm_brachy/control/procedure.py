@@ -15,7 +15,8 @@
                  the tip will be, as the images show both (Mallapragada, Sarkar, Podder 2009,
                  IEEE Trans Robot 25:316)
     DWELLING     at the target
-    WITHDRAWING  needle out; the probe goes off the skin once the tip is where it first saw it
+    WITHDRAWING  needle out, pads at rest; the probe goes off the skin once the tip is where it
+                 first saw it
     RETRACTING   probe off, HOMING pads home, FINISHED
 Each step has a time limit. A failure names its outcome once; then needle, probe and pads go back
 in that order, each within its own limit, and what does not move any more is left where it is.
@@ -26,6 +27,7 @@ from collections import deque
 
 import numpy as np
 
+from arm_brachy.control.needle_curvature import NeedleCurvature
 from arm_brachy.control.needle_plan import NoPlan, plan
 from arm_brachy.control.needle_sight import probe_fault, target_fault, tip_fault
 from arm_brachy.control.overlay_reader import OverlayReader
@@ -48,6 +50,7 @@ _STEP = 0.2e-3      # m by which a wanted depth has to change before it is order
 _REPLANS = 3        # of the path, while the pads bring the target
 _SHIFT = 0.3e-3     # m by which a wanted goal has to: three errors of what the images show
 _ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: depth sensor's error
+_BENT = 0.1         # of the curvature that was told, a change that is told again
 _MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
 _OUT = 1.5e-3       # m of told depth below which the needle is out
 
@@ -73,13 +76,14 @@ class Procedure:
         self._since, self._t = None, 0.0
         self._target, self._at_home = deque(), False
         self._seen, self._goal, self._next_shift = None, None, 0.0
+        self._told, self._next_told = None, 0.0     # curvature [1/m] of the needle; s
         self._tip_seen = -np.inf    # s, of the last image in which the tip was found
         self._needle, self._probe = NeedleSeen(0.0), ProbeSeen()
         self._error, self._calm_since = np.inf, None
         self._surfaces, self._scanned = 0, 0
         self._depth, self._waits, self._permission, self._reason = None, None, Permission.HOLD, ''
         self._stopped = False       # the needle was told to stay, and not to go on since
-        self._reader = OverlayReader(params.steering)
+        self._reader, self._curvature = OverlayReader(params.steering), None
         self._held_since, self._ordered, self._pursued = None, False, False
         self._start = None       # where the target was when it was planned for first
         self._replans = 0        # how often the path was planned anew for where the pads led
@@ -105,7 +109,8 @@ class Procedure:
         """Where the tip was found in the image."""
         if np.all(np.isfinite(p)):
             self._tip_seen = t
-            self._reader.see(t, p)
+            if self.phase is Phase.INSERTING:
+                self._curvature.seen(self._needle.depth, p)
 
     def hear_target_image(self, t, p):
         """Where the images show the target."""
@@ -236,7 +241,10 @@ class Procedure:
     def _placing(self):
         depth = max(0.0, self.plan.depth - self.params.view)
         if not self._ordered:
-            self._ordered = True
+            self._ordered, course = True, self._course
+            self._curvature = NeedleCurvature(self.plan.hole, course.axis, course.side,
+                                              course.curvature, self.plan.roll)
+            self._told = course.curvature
             return [Order(Kind.PLACE, (*self.plan.hole, self.plan.roll)),
                     self._drive(depth, self.params.entry)]
         if self._there(depth):
@@ -283,7 +291,7 @@ class Procedure:
             return self._wait(*fault)
         self._waits = None
         depth = self._depth_wanted()
-        orders = self._steer() + self._shift(depth)
+        orders = self._steer() + self._shift(depth) + self._tell_curvature()
         # Not at once: the tip has to be there for the images to show where the target is.
         if self._lasts_calm(self._there(depth)):
             self._enter(Phase.DWELLING)
@@ -300,8 +308,13 @@ class Procedure:
             self._enter(Phase.WITHDRAWING)
 
     def _withdrawing(self):
-        """The probe follows back to where it first saw the tip, as slowly, then goes off."""
-        orders = []
+        """The probe follows back to where it first saw the tip, as slowly, then goes off.
+
+        The pads stay: a needle on its way out drags the tissue, and pads that only push would
+        squeeze it more and more to hold the target against that.
+        """
+        orders = [] if self._ordered else [Order(Kind.REST)]
+        self._ordered = True
         seen = self.plan is not None and self._needle.depth >= self.plan.depth - self.params.view
         following = self._probe.phase in (ProbePhase.APPROACH, ProbePhase.FOLLOW)
         speed = self.params.speed if seen and following else self.params.withdrawal
@@ -373,15 +386,14 @@ class Procedure:
     def _shift(self, depth):
         """The target's goal anew, by how far the tip will pass by it as the images show both.
 
-        depth : [m] at which they are level; the rest of the way is the plan's course. The pads
-        hear the estimate: its goal is where it is now, and as much further as the images say.
+        depth : [m] at which they are level. The pads hear the estimate, which knows nothing of
+        probe and needle: its goal is where it is now, and as much further as the images say.
         """
-        tip, target = self._reader.tip(self._t), self._target_seen
-        if not self.params.recentre or tip is None or target is None or self.target is None:
+        target = self._target_seen
+        if not self.params.recentre or target is None or self.target is None:
             return []
-        roll, axis = self.plan.roll, self._course.axis
-        rest = self._course.offset(roll, depth) - self._course.offset(roll, self._needle.depth)
-        change = self._target[-1][1] + tip + rest - target - self._goal
+        axis, there = self._course.axis, self.plan.hole + self._curvature.ahead(depth)
+        change = self._target[-1][1] + there - target - self._goal
         change = np.where(self._axes, change - axis * (axis @ change), 0.0)
         if self._t < self._next_shift or not _SHIFT < np.linalg.norm(change) <= self.params.reach:
             return []
@@ -414,13 +426,22 @@ class Procedure:
         """What the person who sees the overlay does: orders to turn the needle, often none."""
         if not self.params.overlay:
             return []
-        roll = self._reader.look(self._t, self._on_path, self.plan, self._course)
-        return [] if roll is None else [Order(Kind.TURN, (roll,))]
+        depth, end = self._needle.depth, self._depth_wanted()
+        aim = self.plan.goal if self._target_seen is None else self._target_seen
+        roll = self._reader.look(self._t, aim - self.plan.hole, self._curvature, depth, end,
+                                 self.plan.roll)
+        if roll is None:
+            return []
+        self._curvature.turned(depth, roll)
+        return [Order(Kind.TURN, (roll,))]
 
-    def _on_path(self, point):
-        """Where the planned path is level with a point (3,) [m], and how far it is to its end."""
-        depth = self._course.depth_at(self.plan.hole, self.plan.roll, point)
-        return self.plan.hole + self._course.offset(self.plan.roll, depth), self.plan.depth - depth
+    def _tell_curvature(self):
+        """That of this needle, once images have shown it: the probe follows the tip as told."""
+        kappa = max(self._curvature.kappa, 0.0)
+        if self._t < self._next_told or abs(kappa - self._told) <= _BENT * self._told:
+            return []
+        self._told, self._next_told = kappa, self._t + 0.5 * self.params.calm
+        return [Order(Kind.BEND, (kappa,))]
 
     def _probe_well(self):
         """False, and the procedure has failed, once the probe has given up."""

@@ -42,17 +42,17 @@ class StepLimits:
 class SteeringParams:
     """The person who looks at the overlay: reads the tip against the grid, turns the needle.
 
-    What is simulated: a look every so often, and if the tip is heading off its path by more than
-    can be seen, half a turn or less of the needle's base, so that the bevel steers it back.
+    What is simulated: a look every so often, and if the place where the tip will be at the
+    target's depth is off the target by more than can be seen, half a turn or less of the needle's
+    base, so that the bevel steers it there.
     """
 
     look: float = quantity(0.5, 's', 'from one look at the screen to the next', low=0.05,
                            high=60.0, source='a fixation and a reaction of 0.25 s each, Card, '
                                              'Moran, Newell 1983, The Psychology of '
                                              'Human-Computer Interaction, ch. 2')
-    seen: float = quantity(1.0, 'mm', 'deviation at the end of the path from which on it is '
-                                      'corrected', low=0.0, high=50.0,
-                           source='a fifth of the pitch of the grid (own choice)')
+    seen: float = quantity(0.5, 'mm', 'distance of both from which on it is corrected', low=0.0,
+                           high=50.0, source='a tenth of the pitch of the grid (own choice)')
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,11 @@ class ProcedureParams:
     calm: float = quantity(1.0, 's', 'that the target has to stay at its goal, and the '
                            'probe in contact, before the next step', low=0.0, high=60.0,
                            source='ten control periods')
-    view: float = quantity(18.0, 'mm', 'before the target, along the needle, where the probe '
+    view: float = quantity(20.0, 'mm', 'before the target, along the needle, where the probe '
                            'finds the tip for the first time', low=0.0, high=200.0,
                            source='own choice: a probe that turns by 45 degrees about a point 20 '
-                                  'mm over the needle sees 20 mm to either side')
+                                  'mm over the needle sees 20 mm to either side; a needle turned '
+                                  'there can still be led 20^2 / 2 R = 0.6 mm aside')
     speed: float = quantity(5.0, 'mm_s', 'of insertion', low=0.1, high=200.0,
                             source='robotic insertion: 5 to 20 mm/s')
     near: float = quantity(4.0, 'mm', 'before its depth, from which on the needle goes slowly',

@@ -39,6 +39,12 @@ class NeedleParams:
                                   low=0.0, high=1e4, source='soft phantom: 0.1 N at 4 mm')
     dent_square: float = quantity(2.5e3, 'N_m2', 'its growth with the dent', low=0.0, high=1e7,
                                   source='as above')
+    rigidity: float = quantity(0.02, 'Nm2', 'of the shaft against bending', low=1e-6, high=1e6,
+                               source='E I of a tube of 1.27 and 0.84 mm, 18 G, steel of 193 GPa')
+    beside: float = quantity(14e3, 'N_m2', 'force per length and way between the shaft and the '
+                             'tissue beside it', low=1.0, high=1e7,
+                             source='plane strain about a shaft of 1.27 mm in tissue of 6 kPa '
+                                    'that stands still 4 mm away: 4 pi G / ln(b / a)')
     puncture: float = quantity(0.5, 'N', 'force at which the capsule breaks', low=0.0, high=50.0,
                                source='skin of a plastisol phantom (own choice)')
     cutting: float = quantity(0.3, 'N', 'force of cutting, at any depth', low=0.0, high=50.0,

@@ -1,13 +1,14 @@
 """Drives a needle through a hole of the template, and says where it measures the tip to be.
 
 What is true: the needle's depth along its path (`insertion`), its tip on the arc of its bevel
-(`needle.NeedlePath`). What is told: the depth as a tracker of the needle's base measures it in one
-direction, as in the thesis' set-up (sec. 6.5, MicronTracker), and the tip that follows from hole,
-depth and, if `told` is 'arc', the nominal arc of such needles. The true arc differs by
-`radius_spread`, so that the told tip is wrong by some tenths of a millimetre at depth; if `told`
-is 'straight' it is wrong by the whole deflection, depth^2 / (2 radius) across the axis.
-The shaft is stiff: it stays where the tip has cut. Lateral forces of the tissue on the shaft, and
-hence its bending as a beam, are not modelled.
+(`needle.NeedlePath`). What is told: the depth as a tracker of the needle's base measures it in
+one direction, as in the thesis' set-up (sec. 6.5, MicronTracker), and the tip that follows from
+hole, depth and the arc that the driver is told (`bends`); until then, if `told` is 'arc', the
+nominal arc of such needles. The true arc differs by `radius_spread`, so that the told tip is wrong
+by some tenths of a millimetre at depth; if `told` is 'straight' it is wrong by the whole
+deflection, depth^2 / (2 radius) across the axis.
+Both are the path that the tip cuts in tissue that stands still. How the shaft bends off it where
+tissue moves is the tissue's to say (`tissue.needle_beam`); nothing here measures that.
 """
 
 from dataclasses import dataclass, field, replace
@@ -25,6 +26,7 @@ from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction
 
 _REST_SPEED = 1e-5   # m/s, below which the needle counts as at rest
 _SAME_HOLE = 1e-4    # m from a hole, within which it is meant
+_STRONGEST = 20.0    # 1/m, more than any needle bends
 _ROUNDING = 1e-9     # m, over a limit that is no command but a conversion of units
 
 
@@ -78,7 +80,7 @@ class NeedleState:
     depth, velocity : m, m/s, as measured;  force : N, measured, positive against insertion
     tip_p, tip_R : (3,) [m], (3, 3) of the tip as told, z along the needle, x to the bevel's side;
         None within the hole;  roll : [rad] of the needle's base
-    true_depth : m;  shaft, axes : (k, 3) [m] and unit tangents, template to tip, true
+    true_depth : m;  shaft, axes : (k, 3) [m] and unit tangents of its true path, template to tip
     """
 
     t: float
@@ -115,16 +117,16 @@ def nominal_offset(params, axis, side):
     params : NeedleDriverParams;  axis, side : (3,) along the holes, and to where roll 0 bends
     """
     def offset(roll, depth):
-        path = _told_path(params, np.zeros(3), axis, side)
+        path = NeedlePath(replace(params.needle, radius=_told_radius(params)), np.zeros(3), axis,
+                          side)
         path.turn(roll)
         path.advance(depth)
         return path.p
     return offset
 
 
-def _told_path(params, hole, axis, side):
-    needle = params.needle if params.told == 'arc' else replace(params.needle, radius=np.inf)
-    return NeedlePath(needle, hole, axis, side)
+def _told_radius(params):
+    return params.needle.radius if params.told == 'arc' else np.inf
 
 
 class DepthSensor:
@@ -169,6 +171,7 @@ class NeedleDriver:
         self._hand_rng, depth_rng, self._force_rng, radius_rng = rng.spawn(4)
         spread = np.exp(params.radius_spread * radius_rng.standard_normal())
         self._true = replace(params.needle, radius=params.needle.radius * spread)
+        self._radius = _told_radius(params)
         self._sensor = DepthSensor(params, depth_rng)
         self._insert_into(self._holes[params.column, params.row], params.roll)
         self._t, self._measured, self._speed = None, (0.0, 0.0), 0.0
@@ -183,9 +186,30 @@ class NeedleDriver:
 
     def _insert_into(self, hole, roll):
         self.path = NeedlePath(self._true, hole, self._axis, self._side)
-        self._told = _told_path(self.params, hole, self._axis, self._side)
         self.path.turn(roll)
-        self._told.turn(roll)
+        self._hole, self._turns = hole, [(0.0, roll)]
+        self._told = self._told_again(0.0)
+
+    def _told_again(self, depth):
+        """The told path to a depth [m], with the turns of the base on the way."""
+        path = NeedlePath(replace(self.params.needle, radius=self._radius), self._hole,
+                          self._axis, self._side)
+        for at, roll in self._turns:
+            path.advance(max(at - path.depth, 0.0))
+            path.turn(roll - path.roll)
+        path.advance(depth - path.depth)
+        return path
+
+    def bends(self, curvature):
+        """Tell that this needle bends by a curvature [1/m]: the told tip follows that arc.
+
+        Raises CommandRefused for one that no needle has.
+        """
+        if not 0.0 <= curvature <= _STRONGEST:
+            self._refuse(f'needle: curvature = {curvature:.6g} 1/m; must be 0 to '
+                         f'{_STRONGEST:g}')
+        self._radius = 1.0 / curvature if curvature > 0.0 else np.inf
+        self._told = self._told_again(self._told.depth)
 
     def place(self, hole, roll):
         """Take the needle to another hole (3,) [m], turned by `roll` [rad] about its axis.
@@ -215,6 +239,7 @@ class NeedleDriver:
             self._refuse(f'needle: roll = {roll} rad; must be a finite number')
         for path in (self.path, self._told):
             path.turn(roll - path.roll)
+        self._turns.append((self._told.depth, roll))
 
     def _permit(self, what):
         if self._stopped:

@@ -49,7 +49,7 @@ class AbuseProbeBench(BenchNode):
         self._recorded, self._obeyed, self._moving = [], 0, False
         self._needle_pub = self.publisher(graph.NEEDLE_COMMAND)
         self._skin_pub = self.publisher(graph.SURFACE)
-        self.listen(graph.TRUTH_NEEDLE, self._on_needle)
+        self.listen(graph.TRUTH_NEEDLE_PATH, self._on_needle)
         self.listen(graph.TRUTH_PROBE, self._on_probe)
         self.listen(graph.PROBE_STATE, self._on_state)
         peers = [n.name for n in (graph.NEEDLE_DRIVER, graph.PROBE_CONTROLLER, graph.SUPERVISOR)]

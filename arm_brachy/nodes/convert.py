@@ -143,11 +143,16 @@ def pose_of(msg):
 
 
 def needle_of(msg):
-    """NeedleInTissue of a PoseArray of the shaft, template first; None where there is none."""
-    points = np.array([xyz(pose.position) for pose in msg.poses]).reshape(-1, 3)
+    """NeedleInTissue of a PoseArray of its path, template first, and its axes (k, 3).
+
+    None and None where there is none.
+    """
+    points = positions_in(msg)
     if len(points) < 2:
-        return None
-    return NeedleInTissue(points, float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()))
+        return None, None
+    axes = np.array([pose_of(pose)[0][:, 2] for pose in msg.poses])
+    depth = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    return NeedleInTissue(points, depth), axes
 
 
 def probe_contact(t_ns, frame, reading):

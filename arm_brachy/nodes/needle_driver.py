@@ -15,6 +15,7 @@ from arm_brachy.nodes.ticker import Ticker
 from arm_brachy_msgs.msg import ActuatorCommand
 
 HOLE = ('hole_x', 'hole_y', 'hole_z', 'roll')
+CURVATURE = ('curvature',)
 
 
 class NeedleDriverNode(Node):
@@ -23,11 +24,12 @@ class NeedleDriverNode(Node):
     in   needle/command      ActuatorCommand  names [needle]: to a depth [m], velocity: speed
                                               [hole_x, hole_y, hole_z, roll]: into a hole [m, rad]
                                               [roll]: base turned [rad]
+                                              [curvature]: that the told tip follows [1/m]
          cell/safety         SafetyState      HOLD brakes, STOP stands still until ~/release
          truth/needle_force  WrenchStamped    of the tissue, the tick before
     out  needle/state        JointState       every tick: [needle, roll]; depth as last measured
          needle/tip          PoseStamped      outside the hole; stamp = measurement
-         truth/needle        PoseArray        shaft, template to tip
+         truth/needle_path   PoseArray        path that it cuts, template to tip
     srv  ~/release           Trigger; in a cell with a key for a release_ticket
     par  scenario
     """
@@ -44,7 +46,7 @@ class NeedleDriverNode(Node):
                         session=setup.session)
         self._state_pub = ticker.publisher(graph.NEEDLE_STATE)
         self._tip_pub = ticker.publisher(graph.NEEDLE_TIP)
-        self._truth_pub = ticker.publisher(graph.TRUTH_NEEDLE)
+        self._truth_pub = ticker.publisher(graph.TRUTH_NEEDLE_PATH)
         self._health = Health(self, ticker, self._frame)
         self._watch, self._gate = PermissionWatch(setup, self._permit), command_gate(setup)
         self._commands, self._refused = 0, 0
@@ -104,12 +106,14 @@ class NeedleDriverNode(Node):
             self._driver.place(values[:3], values[3])
         elif names == HOLE[-1:] and len(values) == 1:
             self._driver.turn(values[0])
+        elif names == CURVATURE and len(values) == 1:
+            self._driver.bends(values[0])
         elif names in (('needle',), ()) and len(values) == 1 and len(msg.velocity) <= 1:
             self._driver.command(values[0], *msg.velocity)
         else:
             self._refuse(t_ns, 'unknown joints', f'needle: {list(names)} with {len(values)} '
-                         f'positions; must be needle, roll or {", ".join(HOLE)}, with one '
-                         'position each')
+                         f'positions; must be needle, roll, curvature or {", ".join(HOLE)}, with '
+                         'one position each')
 
     def _refuse(self, t_ns, kind, message):
         self._refused += 1

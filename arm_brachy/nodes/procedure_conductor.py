@@ -16,7 +16,8 @@ from arm_brachy_msgs.srv import SetGoal
 
 TRIGGERS = {Kind.RETRACT: 'probe_controller/retract'}
 KEYED = {Kind.SCAN: 'surface_scanner/scan', Kind.FOLLOW: 'probe_controller/follow'}
-HOLE_NAMES = ('hole_x', 'hole_y', 'hole_z', 'roll')
+NEEDLE_NAMES = {Kind.PLACE: ('hole_x', 'hole_y', 'hole_z', 'roll'), Kind.TURN: ('roll',),
+                Kind.BEND: ('curvature',)}
 
 
 class ProcedureConductor:
@@ -25,7 +26,8 @@ class ProcedureConductor:
     in   needle/state, probe/state, ultrasound/tip, ultrasound/target, surface/cloud,
          estimate/<feedback>/<target>, actuators/state, cell/safety
     out  needle/command  ActuatorCommand   names [needle]: depth; [hole_x, hole_y, hole_z, roll]:
-                                           into a hole; [roll]: turned at its base
+                                           into a hole; [roll]: turned at its base; [curvature]:
+                                           as the images show it
          procedure/state DiagnosticArray   at every new step: plan and outcome
          cell/task       TaskState         while the pads move the target, and at the end
     calls mpc_manipulator/set_goal, /abort, actuator_driver/home, surface_scanner/scan,
@@ -98,8 +100,8 @@ class ProcedureConductor:
         elif order.kind is Kind.ARRIVED:
             self._say_task(t_ns, TaskState.DONE)
             self._next(t_ns, rest, done)
-        elif order.kind is Kind.RELEASE:
-            self._release(t_ns, lambda: self._next(t_ns, rest, done))
+        elif order.kind in (Kind.REST, Kind.RELEASE):
+            self._drop_goal(t_ns, order.kind, lambda: self._next(t_ns, rest, done))
         elif order.kind in self._triggers:
             self._call(t_ns, self._triggers[order.kind], lambda: self._next(t_ns, rest, done))
         else:
@@ -113,8 +115,7 @@ class ProcedureConductor:
         if order.kind is Kind.DRIVE:
             depth, speed = order.value
             return convert.actuator_command(t_ns, self._frame, ['needle'], [depth], [speed])
-        names = HOLE_NAMES if order.kind is Kind.PLACE else HOLE_NAMES[-1:]
-        return convert.actuator_command(t_ns, self._frame, names, order.value)
+        return convert.actuator_command(t_ns, self._frame, NEEDLE_NAMES[order.kind], order.value)
 
     def _call(self, t_ns, ask, then):
         ask().add_done_callback(lambda f: self._answered(t_ns, f.result(), then))
@@ -141,18 +142,20 @@ class ProcedureConductor:
                 self._task.axes = request.axes
                 self._say_task(t_ns, TaskState.ACTIVE if answer.accepted else TaskState.REFUSED,
                                answer.message)
+            elif answer.accepted and self._task.state == TaskState.ACTIVE:
+                self._task.goal = answer.reference
             if not answer.accepted:
                 self._refused(t_ns, answer.message)
             then()
 
         self._goal.call_async(request).add_done_callback(answered)
 
-    def _release(self, t_ns, then):
-        """The pads go home, whether they had a goal or not."""
+    def _drop_goal(self, t_ns, kind, then):
+        """The pads stay or go home, whether they had a goal or not."""
         if self._task.state == TaskState.ACTIVE:
             self._say_task(t_ns, TaskState.DONE)
         self._abort.call_async(Trigger.Request()).add_done_callback(
-            lambda _: self._call(t_ns, self._home, then))
+            lambda _: then() if kind is Kind.REST else self._call(t_ns, self._home, then))
 
     def say_finished(self, t_ns):
         """The end, with what went wrong if anything did."""

@@ -8,6 +8,7 @@ from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
+from arm_brachy.tissue.needle_path import tangents
 
 
 class TissueNode(Node):
@@ -15,7 +16,8 @@ class TissueNode(Node):
 
     Plant (tissue_simulator): in truth/pads, out truth/points, truth/mesh/...; where there is a
         probe_controller, in truth/probe, out truth/probe_contact; where there is a needle_driver,
-        in truth/needle, out truth/needle_force; with an ultrasound_imager a mesh every tick
+        in truth/needle_path, out truth/needle, truth/needle_force; with an ultrasound_imager a
+        mesh every tick
     Model (tissue_model): in actuators/state, out model/points, model/mesh/...
     par  scenario
     """
@@ -39,12 +41,14 @@ class TissueNode(Node):
         self._health = Health(self, ticker, self._frame)
         ticker.subscribe(pads_topic)
         self._probe = self._needle = self._contact_pub = self._needle_pub = None
+        self._axes = None   # (k, 3) of the needle's path
         if graph.PROBE_CONTROLLER.name in peers:
             self._contact_pub = ticker.publisher(graph.TRUTH_CONTACT)
             ticker.subscribe(graph.TRUTH_PROBE)
         if graph.NEEDLE_DRIVER.name in peers:
             self._needle_pub = ticker.publisher(graph.TRUTH_NEEDLE_FORCE)
-            ticker.subscribe(graph.TRUTH_NEEDLE)
+            self._shaft_pub = ticker.publisher(graph.TRUTH_NEEDLE)
+            ticker.subscribe(graph.TRUTH_NEEDLE_PATH)
         made_ns = 0 if setup.lockstep else self.get_clock().now().nanoseconds
         self._topology_pub(convert.mesh_topology(made_ns, self._frame, self._body.mesh,
                                                  self._body.surface))
@@ -76,11 +80,11 @@ class TissueNode(Node):
     def _hear_instruments(self, inputs):
         """The newest poses; without a new one an instrument is where it was."""
         probe = inputs.get(graph.TRUTH_PROBE.name)
-        needle = inputs.get(graph.TRUTH_NEEDLE.name)
+        needle = inputs.get(graph.TRUTH_NEEDLE_PATH.name)
         if probe:
             self._probe = convert.pose_of(probe[-1].pose)
         if needle:
-            self._needle = convert.needle_of(needle[-1])
+            self._needle, self._axes = convert.needle_of(needle[-1])
 
     def _say_instruments(self, stamp, reading):
         if self._contact_pub is not None and reading.probe is not None:
@@ -88,6 +92,9 @@ class TissueNode(Node):
         if self._needle_pub is not None:
             self._needle_pub(convert.needle_wrench(stamp, self._frame, reading.needle_force,
                                                    self._needle))
+            if reading.shaft is not None:
+                self._shaft_pub(convert.needle_shaft(
+                    stamp, self._frame, reading.shaft, tangents(reading.shaft, self._axes)))
 
 
 def plant():

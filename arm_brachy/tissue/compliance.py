@@ -93,6 +93,17 @@ class Compliance:
         out[np.ix_(at, at)] = 0.5 * (block + block.T)
         return out
 
+    def between(self, loads, raw):
+        """Return H (m, m) [m/N] between loads (m, 3f), given raw (m, 3f) = A^-1 of each."""
+        dofs = np.flatnonzero(loads.any(axis=0))     # loads act on few nodes
+        loads = np.ascontiguousarray(loads[:, dofs].T)
+        block = dense.product(np.ascontiguousarray(raw[:, dofs]), loads)
+        if len(self._S):
+            rows = dense.product(np.ascontiguousarray(self._W[:, dofs]), loads)
+            block = block + dense.product(np.ascontiguousarray(rows.T),
+                                          dense.product(self._M, rows))
+        return 0.5 * (block + block.T)
+
     def of_nodes(self, nodes, force):
         """Return forces (k, 3) [N] on nodes (k,) as a vector (3f,), and A^-1 of it."""
         there = self._place[nodes] >= 0

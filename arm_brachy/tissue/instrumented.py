@@ -2,7 +2,8 @@
 
 Iteration, r the force out of balance with the instruments' share as last known, H of `compliance`:
 
-    y = x - H r,    needle and probe in turn find their forces, which change by d:  x <- y - H d
+    y = x - H r,    needle (along, then across it) and probe in turn find their forces, which
+                    change by d:  x <- y - H d
 
 The factor is that of the tissue alone, which changes little while a probe slides; the stiffness of
 the contact enters between the few nodes near the face (`probe_patch`), where it is solved for as
@@ -25,6 +26,7 @@ from arm_brachy.tissue.instruments import Felt, Tools
 from arm_brachy.tissue.integrators import QuasiStatic, TissueState, progress, settled
 from arm_brachy.tissue.linear_solver import FactorisationFailed
 from arm_brachy.tissue.mesh import boundary_faces
+from arm_brachy.tissue.needle_beam import Bent, Sideways
 from arm_brachy.tissue.needle_load import NeedleLoad, NeedleState, withdrawn
 from arm_brachy.tissue.needle_path import stretch
 from arm_brachy.tissue.probe_contact import ProbeContact, ProbeState
@@ -50,6 +52,7 @@ class Native(NamedTuple):
     stride: np.ndarray
     probe: ProbeState | None
     needle: NeedleState | None
+    bent: Bent | None
 
 
 class Instrumented(QuasiStatic):
@@ -66,6 +69,8 @@ class Instrumented(QuasiStatic):
         self._free = self.statics.free
         self._compliance = Compliance(self._free)
         self._face, self._law = instruments.probe, instruments.needle
+        self._beam, self._columns = instruments.beam, _Columns(
+            self._compliance, len(body.mesh.nodes))
         self._contact = None if self._face is None else ProbeContact(body, self._face,
                                                                            instruments.layer)
         self._faces = boundary_faces(body.mesh)
@@ -76,7 +81,8 @@ class Instrumented(QuasiStatic):
         state = dataclasses.replace(state, instruments=self._nothing())
         needle = None if self._law is None else NeedleState(self._law, None, 0.0, 0.0, 1.0)
         stride = np.zeros((len(self.body.pads), 3))
-        return Native(state, np.zeros_like(x), stride, None, needle), state
+        bent = None if needle is None or self._beam is None else Bent(self._beam)
+        return Native(state, np.zeros_like(x), stride, None, needle, bent), state
 
     def settle(self, native, pads, t, fields):
         """As AbstractIntegrator."""
@@ -98,11 +104,12 @@ class Instrumented(QuasiStatic):
         probe = found.probe if tools.probe is not None else None
         force, moment = pad_loads(self.body, found.forces)
         residual = float(np.abs(found.forces[self._free.free]).max(initial=0.0))
-        felt = Felt(found.reading, 0.0 if found.needle is None else found.needle.force)
+        felt = Felt(found.reading, 0.0 if found.needle is None else found.needle.force,
+                    _shaft(tools.needle, found.bent))
         state = TissueState(before.t + dt, found.x, (found.x - before.x) / dt, force, moment,
                             Outcome.OK, found.iterations, residual, instruments=felt)
         stride = np.asarray(pads, dtype=float) - self.pads(native)
-        return Native(state, found.x - before.x, stride, probe, found.needle), state
+        return Native(state, found.x - before.x, stride, probe, found.needle, found.bent), state
 
     def _nothing(self):
         return Felt(None if self._face is None else untouched(self._face))
@@ -112,7 +119,7 @@ class Instrumented(QuasiStatic):
         goal = self.statics.held_positions(pads, fields.base)
         motion = _Motion.of(self, native, goal, dt, tools)
         trend = progress(native.stride, np.asarray(pads) - self.pads(native)) * native.way
-        now = _Found(native.state.x, motion.probe, native.needle, None, None, 0)
+        now = _Found(native.state.x, motion.probe, native.needle, native.bent, None, None, 0)
         if not self._compliance.ready:
             self._factorise(now.x, fields)
         if trend.any():
@@ -143,19 +150,21 @@ class Instrumented(QuasiStatic):
         x = now.x + trend
         held = self._free.held
         x[held] = (motion.start + ahead * (motion.goal - motion.start))[held]
-        needle, X = None, None
+        needle, X, sideways = None, None, None
         if motion.needle is not None:
-            there = motion.needle.at(motion.depth(ahead))
+            path = motion.needle.at(motion.depth(ahead))
+            there = path if now.bent is None else now.bent.shaft(path)
             needle = NeedleLoad(now.needle, there, stretch(self.body.mesh, self._faces, there,
                                                            now.x), now.x, (ahead - t) * motion.dt)
+            if now.bent is not None:
+                sideways = Sideways(now.bent.withdrawn(path.depth), path)
         if motion.X_WP is not None:
             X = between(motion.probe.X_WP[None], motion.X_WP[None], ahead)[0]
-        return self._balance(x, now, X, needle, fields)
+        return self._balance(x, _Acting(self, now, X, needle, sideways), fields)
 
-    def _balance(self, x, before, X, needle, fields):
-        """Iterate from x (n, 3); probe and needle remember what `before` (_Found) says."""
+    def _balance(self, x, act, fields):
+        """Iterate from x (n, 3) with the instruments `act` (_Acting)."""
         H, free = self._compliance, self._free.free
-        act = _Acting(self, before, X, needle)
         pace, last, size = _Pace(self._tolerance), None, 0.0
         for count in range(1, MOST_ITERATIONS + 1):
             now = self.statics.assembler.evaluate(x, fields)
@@ -197,11 +206,12 @@ class Instrumented(QuasiStatic):
 
 @dataclass(frozen=True)
 class _Found:
-    """Positions, ProbeState, NeedleState, gradient (n, 3) of everything, ProbeReading, count."""
+    """Positions, states of the tools, gradient (n, 3) of everything, ProbeReading, count."""
 
     x: np.ndarray
     probe: ProbeState | None
     needle: NeedleState | None
+    bent: Bent | None
     forces: np.ndarray | None
     reading: object
     iterations: int
@@ -245,26 +255,72 @@ def _drawn_back(contact, x, X_WP):
     return contact.start(x, X_WP[:3, :3], X_WP[:3, 3])
 
 
-class _Acting:
-    """Probe and needle during one iteration: their forces as last found."""
+def _shaft(path, bent):
+    """(k, 3) [m] of a NeedleInTissue as it is bent, None without one."""
+    if path is None:
+        return None
+    return path.points if bent is None else bent.shaft(path).points
 
-    def __init__(self, integrator, before, X, needle):
+
+class _Columns:
+    """A^-1 of the loads on a needle's anchors, kept while factor and anchors stay."""
+
+    def __init__(self, compliance, count):
+        """count : of nodes"""
+        self._compliance, self._count = compliance, count
+        self._kept, self._version = {}, None
+
+    def of(self, anchors):
+        """Return loads (2m, 3f) on the free nodes, and A^-1 of each (2m, 3f)."""
+        H = self._compliance
+        if self._version != H.version:
+            self._kept, self._version = {}, H.version
+        self._kept = {anchor: self._kept[anchor] for anchor in anchors if anchor in self._kept}
+        new = [anchor for anchor in anchors if anchor not in self._kept]
+        if new:
+            free = H.free
+            loads = np.concatenate([a.loads(self._count)[:, free.free].reshape(2, -1)
+                                    for a in new])
+            raw = H.raw(np.ascontiguousarray(loads.T)).T
+            for i, anchor in enumerate(new):
+                self._kept[anchor] = loads[2 * i:2 * i + 2], raw[2 * i:2 * i + 2]
+        pairs = [self._kept[anchor] for anchor in anchors]
+        return tuple(np.concatenate(one) for one in zip(*pairs, strict=True))
+
+
+class _Acting:
+    """Probe and needle during one iteration: their forces as last found.
+
+    before : _Found at the start;  X : pose of the probe or None;  needle : NeedleLoad or None
+    sideways : needle_beam.Sideways, None = no needle, or one without a beam
+    """
+
+    def __init__(self, integrator, before, X, needle, sideways):
         self._in, self._before, self._X, self._needle = integrator, before, X, needle
         self._patch = self._y = self._C = None
         self._q = np.zeros_like(before.x)
         if X is not None:
             self._q += before.probe.force
         self._load, self._state = np.zeros_like(before.x), before.needle
-        if needle is not None and not needle.outside:
+        self._sideways, self._aside = sideways, np.zeros(0)
+        inside = needle is not None and not needle.outside
+        if inside:
             self._load = np.einsum('u,unk->nk', self._weights(), needle.directions())
         elif before.needle is not None:
             self._state = withdrawn(before.needle, None if needle is None else needle.depth)
+        if sideways is not None and inside:
+            self._aside = sideways.before.force.ravel()
         self._columns = self._version = None
 
     @property
     def gradient(self):
         """(n, 3) [N] what the instruments add to the gradient of the potential."""
-        return self._q - self._load
+        out = self._q - self._load
+        if len(self._aside):
+            free = self._in._free.free
+            loads, _ = self._in._columns.of(self._sideways.before.anchors)
+            out[free] += (self._aside @ loads).reshape(-1, 3)
+        return out
 
     def respond(self, y, tolerance):
         """Find their forces anew; without a change of them the nodes would be at y (n, 3) [m].
@@ -278,10 +334,22 @@ class _Acting:
             d, raw = self._stab(y)
             y = y.copy()
             y[self._in._free.free] -= self._in._compliance.updated(d, raw).reshape(-1, 3)
+            if len(self._aside):
+                more = self._lean(y)
+                d, raw = d + more[0], raw + more[1]
+                y[self._in._free.free] -= self._in._compliance.updated(*more).reshape(-1, 3)
         if self._X is not None:
             more = self._touch(y, tolerance)
             d, raw = d + more[0], raw + more[1]
         return d, raw
+
+    def _lean(self, y):
+        """The tissue's force on the shaft, across it."""
+        H, sideways = self._in._compliance, self._sideways
+        loads, raw = self._in._columns.of(sideways.before.anchors)
+        new = sideways.balanced(sideways.moved(y), H.between(loads, raw), self._aside)
+        change, self._aside = new - self._aside, new
+        return change @ loads, change @ raw
 
     def _stab(self, y):
         H, free = self._in._compliance, self._in._free.free
@@ -327,7 +395,17 @@ class _Acting:
         if face is not None:
             reading = untouched(face) if self._patch is None or not self._q.any() else read(
                 face, self._patch, self._y, self._q[self._patch.nodes], self._C)
-        return _Found(x, probe, self._state, forces, reading, count)
+        return _Found(x, probe, self._state, self._bent(x), forces, reading, count)
+
+    def _bent(self, x):
+        """The shaft at the end: bent, with tissue at x (n, 3) that it has cut by then."""
+        before = self._before.bent
+        if before is None or self._sideways is None or self._needle.outside:
+            return None if before is None else before.withdrawn(0.0)
+        bent = self._sideways.after(self._aside)
+        if not self._state.law.punctured:
+            return bent
+        return bent.advanced(self._in.body.mesh, self._sideways.needle, self._needle.entry, x)
 
 
 class _Pace:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from arm_brachy.tissue.contact import ContactLaw
+from arm_brachy.tissue.needle_beam import NeedleBeam
 from arm_brachy.tissue.needle_load import NeedleLaw
 from arm_brachy.tissue.needle_path import NeedleInTissue
 from arm_brachy.tissue.probe_contact import GEL
@@ -22,11 +23,13 @@ class Instruments:
     """What a plant has.
 
     probe : probe_face.ProbeFace;  needle : NeedleLaw of a needle outside the tissue; None = none
+    beam : NeedleBeam of that needle; None = it neither bends nor feels the tissue sideways
     layer : contact.ContactLaw between probe and skin
     """
 
     probe: ProbeFace | None = None
     needle: NeedleLaw | None = None
+    beam: NeedleBeam | None = None
     layer: ContactLaw = GEL
 
 
@@ -47,7 +50,12 @@ IDLE = Tools()
 
 @dataclass(frozen=True)
 class Felt:
-    """What they feel: ProbeReading or None; force of the tissue along the needle [N]."""
+    """What they feel.
+
+    probe : ProbeReading or None;  needle_force : [N] of the tissue along the needle
+    shaft : (k, 3) [m] of the needle as it is bent, template to tip, None = outside
+    """
 
     probe: ProbeReading | None = None
     needle_force: float = 0.0
+    shaft: np.ndarray | None = None

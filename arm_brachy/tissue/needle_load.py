@@ -5,8 +5,7 @@ moves by c f there, so that depth against the tissue, skin and velocity depend o
 f = law(f) is found by bisection, since laws jump: where a capsule breaks, and where the needle
 starts to slide (Karnopp). Where it meets a jump, the force is the one between both sides of it.
 The unbroken capsule comes first: it breaks only if no force that it bears is in balance.
-Forces are along the needle alone: a needle stiff against bending on a path that is given, whose
-push sideways the tissue does not feel.
+Forces here are along the needle; those across it are in `needle_beam`.
 """
 
 import copy
@@ -70,6 +69,11 @@ class NeedleLoad:
     def outside(self):
         """True if the needle is in no tissue."""
         return self._stretch is None
+
+    @property
+    def entry(self):
+        """[m] along the shaft where it enters the tissue."""
+        return self._needle.depth - self._stretch.inside
 
     def directions(self):
         """Return loads (2, n, 3) of a unit force: at the tip (or whole skin); along the shaft."""

@@ -36,7 +36,7 @@ class NeedleInTissue:
         points = np.asarray(self.points, dtype=float)
         if depth == self.depth or _lengths(points)[-1] < SHORTEST:
             return self
-        return NeedleInTissue(_along(points, np.linspace(0.0, depth, len(points)))[0], depth)
+        return NeedleInTissue(along(points, np.linspace(0.0, depth, len(points)))[0], depth)
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,17 @@ class NeedleStretch:
     inside: float
 
 
+def tangents(points, otherwise):
+    """Return (k, 3) unit directions of a shaft at its points (k, 3) [m], equally far apart.
+
+    otherwise : (k, 3) unit, of a shaft too short to have a direction
+    """
+    if _lengths(points)[-1] < SHORTEST:
+        return np.asarray(otherwise, dtype=float)
+    ways = np.gradient(points, axis=0, edge_order=2 if len(points) > 2 else 1)
+    return ways / np.linalg.norm(ways, axis=1, keepdims=True)
+
+
 def stretch(mesh, faces, needle, x):
     """Return the NeedleStretch of a NeedleInTissue, None if it is outside.
 
@@ -66,13 +77,13 @@ def stretch(mesh, faces, needle, x):
     found = _entry(points, faces, x)
     if found is None:
         return None
-    s, face, share, along = found
+    s, face, share, way = found
     depth = _lengths(points)[-1]
     at = s + (np.arange(SPOTS) + 0.5) / SPOTS * (depth - s)
-    places, ways = _along(points, np.append(at, depth))
+    places, ways = along(points, np.append(at, depth))
     held = embed(dataclasses.replace(mesh, nodes=x), places, standoff=np.inf)
     spread = [np.zeros_like(x) for _ in range(3)]
-    spread[0][faces[face]] = share[:, None] * along
+    spread[0][faces[face]] = share[:, None] * way
     np.add.at(spread[1], held.nodes[-1], held.weights[-1][:, None] * ways[-1])
     np.add.at(spread[2], held.nodes[:-1].ravel(), (
         held.weights[:-1, :, None] * ways[:-1, None, :]).reshape(-1, 3) / SPOTS)
@@ -83,8 +94,11 @@ def _lengths(points):
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
-def _along(points, at):
-    """Places and directions (m, 3) at arc lengths `at` (m,)."""
+def along(points, at):
+    """Return places (m, 3) [m] and unit directions (m, 3) of a polyline at arc lengths `at` (m,).
+
+    points : (k, 3) [m]
+    """
     lengths = _lengths(points)
     i = np.clip(np.searchsorted(lengths, at, side='right') - 1, 0, len(points) - 2)
     ways = np.diff(points, axis=0)

@@ -31,12 +31,13 @@ class Toy:
     def __init__(self, broken=(), radius=BEND, press=(0.0, 0.0, 0.0), rise=0.0,
                  **given):
         self.procedure = Procedure(ProcedureParams('t', **given), HOLES,
-                                   NeedleCourse(AXIS, SIDE, 0.2, arc), settle=0.2,
+                                   NeedleCourse(AXIS, SIDE, 0.2, arc, 1.0 / BEND), settle=0.2,
                                    press=press)
         self.broken, self.radius, self.rise = set(broken), radius, rise
         self.t, self.orders, self.phases = 0.0, [], []
         self.target, self.goal = np.array([0.0, 0.002, 0.0]), None
         self.depth, self.drive, self.hole, self.probe = 0.0, (0.0, 0.0), HOLES[1, 1], 0
+        self.curvature = None       # 1/m that the needle was told to have
         self.p, self.t_dir, self.n, self.home = self.hole.copy(), AXIS, SIDE, True
         self.permission, self.contact, self.seen_off = Permission.RUN, True, None
         self.nearest = -np.inf      # m along the axis, from which on the probe can see the tip
@@ -95,6 +96,10 @@ class Toy:
         kind, value = order.kind, order.value
         if kind in (Kind.SET_GOAL, Kind.SHIFT):
             self.goal, self.home = np.array(value), False
+        elif kind is Kind.REST:
+            self.goal = None
+        elif kind is Kind.BEND:
+            self.curvature = value[0]
         elif kind is Kind.RELEASE:
             self.goal, self.home = None, 'home' not in self.broken
         elif kind is Kind.SCAN and 'scanner' not in self.broken:
@@ -230,6 +235,25 @@ def test_the_person_who_sees_the_overlay_brings_a_needle_of_another_arc_nearer()
     without, with_it = missed(False), missed(True)
     assert without[0] > 3e-3 and without[1] == 0
     assert with_it[0] < 2e-3 and 1 <= with_it[1] < 20
+
+
+def test_a_needle_of_another_arc_is_told_as_the_images_show_it_and_a_usual_one_is_not():
+    other, usual = (Toy(radius=r, overlay=False).run(until=Phase.DWELLING) for r in (0.3, BEND))
+    assert abs(other.curvature - 1.0 / 0.3) < 0.5 * (1.0 / 0.3 - 1.0 / BEND)
+    assert usual.curvature is None
+
+
+def test_pads_rest_while_the_needle_goes_out():
+    """It drags the target along: pads that push against that squeeze the tissue."""
+    toy = Toy(overlay=False).run(until=Phase.DWELLING)
+    asked = toy.orders.count(Kind.SHIFT)
+    toy.run(until=Phase.WITHDRAWING)
+    while toy.depth > 5e-3:
+        toy.tick()
+        assert toy.goal is None or toy.phases[-1] is Phase.DWELLING
+    toy.run()
+    assert toy.orders.count(Kind.REST) == 1 and toy.orders.count(Kind.SHIFT) == asked
+    assert toy.orders.index(Kind.REST) < toy.orders.index(Kind.RELEASE)
 
 
 def test_the_needle_follows_a_target_that_moves_along_it():

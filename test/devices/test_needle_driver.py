@@ -89,6 +89,32 @@ def test_half_a_turn_midway_brings_it_back_and_the_told_tip_knows():
     assert np.allclose(offset(np.pi, 0.04), offset(0.0, 0.04) * [1, 1, -1])
 
 
+def test_the_told_tip_follows_the_arc_that_the_driver_is_told():
+    """Turned midway, told straight, then told how it bends: the tip is the true one at once."""
+    needle = driver(replace(EXACT, told='straight'))
+    needle.command(0.04)
+    run(needle, 5.0)
+    needle.turn(np.pi / 2)
+    needle.command(0.06)
+    state = run(needle, 5.0, start=5.0)[-1]
+    assert np.linalg.norm(state.tip_p - state.shaft[-1]) > 2e-3
+    needle.bends(1.0 / EXACT.needle.radius)
+    state = needle.read(10.05)
+    assert np.allclose(state.tip_p, state.shaft[-1], atol=1e-9)
+    needle.command(0.08)
+    state = run(needle, 5.0, start=10.05)[-1]
+    assert np.allclose(state.tip_p, state.shaft[-1], atol=1e-9)
+    needle.bends(0.0)
+    assert np.allclose(needle.read(15.1).tip_p, HOLE + 0.08 * AXIS, atol=1e-9)
+
+
+@pytest.mark.parametrize('curvature', [-1.0, 21.0, np.nan])
+def test_a_curvature_that_no_needle_has_is_refused(curvature):
+    needle = driver()
+    with pytest.raises(CommandRefused, match='curvature'):
+        needle.bends(curvature)
+
+
 def test_in_another_hole_it_goes_another_way():
     needle = driver()
     needle.command(0.02)

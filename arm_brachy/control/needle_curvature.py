@@ -1,0 +1,74 @@
+"""How strongly a needle bends, from the images of its tip, and where it will be further on.
+
+A bevel tip bends by kappa to the side that the bevel has, so that across the axis of its hole, for
+small slopes,
+
+    p(s) = kappa D(s) + c,    D(s) = integral over u from 0 to s of (s - u) b(u) du
+
+b (2,) is the side of the bevel at depth u, which the turns of the base tell, and c what the tissue
+has bent the shaft off its path meanwhile. kappa and c are the mean of a normal distribution given
+all images (linear least squares with a prior).
+Valid for slopes up to 0.3 rad, where s^2 / 2 R is 0.8 % more than an arc's deflection.
+"""
+
+import numpy as np
+
+SPREAD = 0.85       # [1/m] of kappa about the nominal one, sd: 1.5 to 5 are published
+ASIDE = 0.7e-3      # [m] of c, sd: half of what a probe of 3 N bends 18 G by
+SEEN = 0.5e-3       # [m] of a tip in an image, sd: its goal; images share much of their error
+
+
+class NeedleCurvature:
+    """Tell it `turned` and `seen`; ask it for `ahead`.
+
+    hole, axis, side : (3,) [m] and unit: where the needle leaves the template, along it, and to
+        which roll 0 bends it;  kappa : [1/m] nominal;  roll : [rad] at the hole
+    Test: control/test_needle_curvature.py
+    """
+
+    def __init__(self, hole, axis, side, kappa, roll):
+        self._hole, self._axis = np.asarray(hole, dtype=float), np.asarray(axis, dtype=float)
+        self._across = np.array([side, np.cross(axis, side)])
+        self._turns = [(0.0, roll)]
+        self._mean = np.array([kappa, 0.0, 0.0])
+        self._covariance = np.diag([SPREAD, ASIDE, ASIDE]) ** 2
+
+    @property
+    def kappa(self):
+        """[1/m] as believed now."""
+        return float(self._mean[0])
+
+    def turned(self, depth, roll):
+        """The base was turned to `roll` [rad] at a depth [m]."""
+        self._turns.append((depth, roll))
+
+    def seen(self, depth, tip):
+        """The tip is at (3,) [m] in an image while the needle is at a depth [m]."""
+        H = np.column_stack([self._reach(depth), np.eye(2)])
+        off = self._across @ (np.asarray(tip, dtype=float) - self._hole)
+        S = H @ self._covariance @ H.T + SEEN**2 * np.eye(2)
+        gain = np.linalg.solve(S, H @ self._covariance).T
+        self._mean = self._mean + gain @ (off - H @ self._mean)
+        self._covariance = self._covariance - gain @ H @ self._covariance
+
+    def ahead(self, depth, now=None, roll=None):
+        """Return (3,) [m] how far from the axis of its hole the tip will be at a depth [m].
+
+        now, roll : if its base is turned to `roll` [rad] at a depth `now` [m]; None = it is not
+        """
+        more = [] if now is None else [(now, roll)]
+        return (self._mean[0] * self._reach(depth, more) + self._mean[1:]) @ self._across
+
+    def across(self, vector):
+        """Parts (2,) of a vector (3,) to the side of roll 0, and of a quarter turn."""
+        return self._across @ vector
+
+    def _reach(self, depth, more=()):
+        """D (2,) [m^2] with `more` turns (depth, roll) at the end."""
+        turns, out = [*self._turns, *more], np.zeros(2)
+        ends = [*(at for at, _ in turns[1:]), np.inf]
+        for (start, roll), end in zip(turns, ends, strict=True):
+            if start < depth:
+                weight = 0.5 * ((depth - start) ** 2 - max(depth - end, 0.0) ** 2)
+                out += weight * np.array([np.cos(roll), np.sin(roll)])
+        return out
