@@ -2,12 +2,14 @@
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 
 import meshio
 import numpy as np
 import pytest
 
 from arm_brachy import launcher, offline
+from arm_brachy.control.move_events import Status
 from arm_brachy.core.errors import RecordingError
 from arm_brachy.evaluation.timeseries import RunData, Series, TaskWindow
 from arm_brachy.recording import encode
@@ -246,3 +248,17 @@ def test_live_nodes_and_in_process_agree_bit_for_bit(block, tmp_path, pads, begi
         np.testing.assert_array_equal(getattr(live, name), getattr(here, name))
     for name in ('t', 'positions', 'rest', 'tets'):
         np.testing.assert_array_equal(getattr(live.tissue, name), getattr(here.tissue, name))
+
+
+def test_a_task_is_judged_by_the_goal_that_it_had_in_the_end():
+    """A procedure corrects the goal while the pads are on their way; its last word has it."""
+    def said(state, x, name='bring_target'):
+        def place(x):
+            return SimpleNamespace(x=x, y=0.0, z=0.0)
+        return SimpleNamespace(state=state, name=name, target='t', start=place(0.0),
+                               goal=place(x), axes=(True, True, False))
+    tasks = [(1.0, said(Status.ACTIVE, 1e-3)), (5.0, said(Status.DONE, 2e-3)),
+             (6.0, said(Status.ACTIVE, 3e-3, 'next')), (7.0, said(Status.FINISHED, 9e-3, ''))]
+    one, two = offline._windows(SimpleNamespace(tasks=tasks))
+    assert (one.t_start, one.t_end, one.goal[0]) == (1.0, 5.0, 2e-3)
+    assert (two.t_end, two.goal[0]) == (7.0, 3e-3)
