@@ -102,8 +102,8 @@ def _headline(results):
          '[estimators](docs/results/estimators.md)'),
         ('Does the ultrasound probe stay on the needle tip? Share of the insertion with the tip '
          'within 0.5 mm of the image plane',
-         f'{min(in_plane):.1f} to {max(in_plane):.1f} % in '
-         f'{len({r["scenario"] for r in procedures})} scenarios',
+         f'{np.median(in_plane):.1f} % (median of {len(procedures)} insertions, '
+         f'{min(in_plane):.1f} to {max(in_plane):.1f} %)',
          '[needle and probe](docs/results/procedures.md)'),
         ('Is the verdict right for three phantoms simulated by independent code? Cases',
          f'{right} of {planned}',
