@@ -87,6 +87,10 @@ def test_the_needle_goes_to_its_depth_turns_and_stops(make):
     assert np.allclose(convert.rigid(shaft.poses[-1])[0][:, 2], R[:, 2], atol=0.01)
     tick(50, SAFETY=safety(50), NEEDLE_COMMAND=command(50, ['roll'], [0.5]))
     assert out['_state_pub'][-1].position[1] == 0.5
+    told, curved = tip, command(50, ['curvature'], [5.0])
+    tick(50, SAFETY=safety(50), NEEDLE_COMMAND=curved)
+    aside = convert.xyz(out['_tip_pub'][-1].pose.position) - convert.xyz(told.pose.position)
+    assert 2e-4 < np.linalg.norm(aside) < 2e-3      # 20^2 / 2 (5 - 2.5) / 1000 = 0.5 mm, and noise
     pull = WrenchStamped()
     pull.wrench.force = convert.vector(-9.0 * R[:, 2])
     tick(51, SAFETY=safety(51), NEEDLE_COMMAND=command(51, ['needle'], [0.05]),
@@ -108,7 +112,7 @@ def test_a_needle_command_that_means_nothing_is_refused_in_one_line(make):
     tick(30, NEEDLE_COMMAND=command(30, ['needle'], []))
     tick(60, NEEDLE_COMMAND=command(60, ['needle'], [0.01]))
     tick(90, NEEDLE_COMMAND=command(1, ['needle'], [0.02]))
-    assert len(said) == 3 and all('must be needle, roll or hole_x' in line for line in said[:2])
+    assert len(said) == 3 and all('needle, roll, curvature or hole_x' in line for line in said[:2])
     assert 'needle/command: stamped' in said[2] and 'ago' in said[2]
 
 
