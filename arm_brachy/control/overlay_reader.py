@@ -1,10 +1,11 @@
 """The person who watches the image with the template's holes over it, and steers the needle.
 
 Stands for a clinician, so that scenarios with and without overlay can be compared in simulation.
-The overlay shows where the tip will be at the target's depth, by how the needle has bent so far,
-and where it is to be. At each look, if both are farther apart than a person sees, the base of the
-needle is turned so that the bevel points from where the needle would go straight on to where it is
-to be. Without the overlay nobody turns it.
+The simulated person knows where the tip will be at the target's depth, by `needle_curvature`, and
+where it should be. The picture itself does not draw these two marks yet. At each look, if they are
+farther apart than a person sees, the base of the needle is turned: the bevel then points from
+where a straight needle would end to where it should end. Without the overlay nobody turns the
+needle.
 """
 
 import numpy as np

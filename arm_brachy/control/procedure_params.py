@@ -42,17 +42,19 @@ class StepLimits:
 class SteeringParams:
     """The person who looks at the overlay: reads the tip against the grid, turns the needle.
 
-    What is simulated: a look every so often, and if the place where the tip will be at the
-    target's depth is off the target by more than can be seen, half a turn or less of the needle's
-    base, so that the bevel steers it there.
+    What is simulated: a look every so often. If the place where the tip will be at the target's
+    depth is off the target by more than can be seen, the base of the needle is turned by half a
+    turn or less, and the bevel steers it there. That place comes from the curvature that the
+    images of the tip show; the overlay does not draw it yet.
     """
 
     look: float = quantity(0.5, 's', 'from one look at the screen to the next', low=0.05,
                            high=60.0, source='a fixation and a reaction of 0.25 s each, Card, '
                                              'Moran, Newell 1983, The Psychology of '
                                              'Human-Computer Interaction, ch. 2')
-    seen: float = quantity(0.5, 'mm', 'distance of both from which on it is corrected', low=0.0,
-                           high=50.0, source='a tenth of the pitch of the grid (own choice)')
+    seen: float = quantity(0.5, 'mm', 'distance of the foretold tip from the target, from which '
+                                      'on the needle is turned', low=0.0, high=50.0,
+                           source='a tenth of the pitch of the grid (own choice)')
 
 
 @dataclass(frozen=True)
