@@ -186,6 +186,7 @@ class NodeSpec:
 
     same : nodes whose answer to the same tick it needs (within a tick, data flow downstream)
     previous : nodes whose answer to the tick before it needs (feedback edges)
+    managed : has the services and the event topic of a ROS 2 lifecycle node beside its own
     """
 
     name: str
@@ -196,6 +197,7 @@ class NodeSpec:
     previous: tuple = ()
     services: tuple = ()
     actions: tuple = ()
+    managed: bool = False
 
     def hears(self, topic_name):
         """True if the node subscribes to the topic of this name."""
@@ -203,6 +205,10 @@ class NodeSpec:
 
 
 EVERYWHERE = (OUTCOME, DIAGNOSTICS)
+# Made by rcl for every managed node; nobody in the cell hears or calls them.
+LIFECYCLE_EVENT = '~/transition_event'
+LIFECYCLE_SERVICES = ('~/change_state', '~/get_state', '~/get_available_states',
+                      '~/get_available_transitions', '~/get_transition_graph')
 
 CELL_CLOCK = NodeSpec(
     'cell_clock', 'ticks simulated time; the next tick comes when every node has answered',
@@ -211,7 +217,7 @@ ACTUATOR_DRIVER = NodeSpec(
     'actuator_driver', 'one bank of linear actuators, simulated or hardware',
     publishes=(ACTUATORS, TRUTH_PADS, *EVERYWHERE), subscribes=(COMMAND, SAFETY, TRUTH_POINTS),
     previous=('mpc_manipulator', 'supervisor', 'tissue_simulator', 'operator', 'push_protocol'),
-    services=('~/home', '~/release'))
+    services=('~/home', '~/release'), managed=True)
 TISSUE_SIMULATOR = NodeSpec(
     'tissue_simulator', 'the soft body that plays the patient',
     publishes=(TRUTH_POINTS, TRUTH_TOPOLOGY, TRUTH_POSITIONS, TRUTH_NEEDLE, TRUTH_NEEDLE_FORCE,
@@ -278,7 +284,7 @@ SUPERVISOR = NodeSpec(
     publishes=(SAFETY, *EVERYWHERE),
     subscribes=(ACTUATORS, WRENCH, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE),
     same=('actuator_driver', 'force_sensor', 'needle_driver', 'probe_controller'),
-    services=('~/emergency_stop', '~/hold', '~/reset'))
+    services=('~/emergency_stop', '~/hold', '~/reset'), managed=True)
 NEEDLE_DRIVER = NodeSpec(
     'needle_driver', 'the needle in its hole of the template: simulated motor or hand, and depth '
     'sensor',
@@ -439,6 +445,7 @@ def documentation_table():
         hears = 'every topic' if row is RECORDER else \
             ', '.join(f'`{t.name}`' for t in row.subscribes)
         offers = ', '.join([*(f'`{s}`' for s in row.services),
-                            *(f'`{a}` (action)' for a in row.actions)])
+                            *(f'`{a}` (action)' for a in row.actions),
+                            *(['[lifecycle](#lifecycle)'] if row.managed else [])])
         lines.append(f'| {row.name} | {row.text} | {says} | {hears} | {offers} |')
     return '\n'.join(lines)

@@ -42,9 +42,13 @@ def policy():
         if row is not graph.CELL_CLOCK:
             says.add(graph.TICK_DONE.at(node=row.name).name)
         hears = {t.name for t in row.subscribes} | {graph.CLOCK.name, graph.TICK_DONE.name}
+        if row.managed:
+            says.add(graph.LIFECYCLE_EVENT)
         _section(profile, 'topic', 'publish', says)
         _section(profile, 'topic', 'subscribe', hears)
-        _section(profile, 'service', 'reply', {*row.services, *PARAMETER_SERVICES})
+        lifecycle = graph.LIFECYCLE_SERVICES if row.managed else ()
+        _section(profile, 'service', 'reply',
+                 {*row.services, *lifecycle, *PARAMETER_SERVICES})
         _section(profile, 'service', 'request', CALLS.get(row.name, ()))
         _section(profile, 'action', 'execute', row.actions)
     ElementTree.indent(root)

@@ -1,7 +1,5 @@
 """ROS 2 shell of one bank of linear actuators: commands in, encoder states out."""
 
-from rclpy.node import Node
-
 from arm_brachy import cell, graph
 from arm_brachy.core.errors import CommandRefused, ConfigError
 from arm_brachy.core.outcome import Outcome
@@ -10,14 +8,18 @@ from arm_brachy.devices.actuator import SimulatedBank
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.keyed_trigger import KeyedTrigger
+from arm_brachy.nodes.managed_node import ManagedNode
 from arm_brachy.nodes.permission import command_gate, safety_gate
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState
 
 
-class ActuatorDriverNode(Node):
+class ActuatorDriverNode(ManagedNode):
     """Convert, call the driver, convert back. Without a fresh permission to run it holds.
+
+    Unconfigured it has no bank and answers no tick: without encoders there is nothing to say.
+    Inactive it holds, publishes as ever and refuses what moves or allows motion.
 
     At wall pace a supervisor that falls silent is a hold that only ~/release ends, and what it
     says counts on arrival; in lockstep the clock waits for it, so there is no silence.
@@ -30,7 +32,8 @@ class ActuatorDriverNode(Node):
     out  actuators/state    JointState       every tick; stamp = tick
          truth/pads         PadState         simulated bank only
     srv  ~/home, ~/release  Trigger; in a cell with a key for a home_ticket, a release_ticket
-    par  scenario, home_at_start, and every quantity of ActuatorParams
+         ~/change_state and the others of a ManagedNode
+    par  scenario, autostart, home_at_start, and every quantity of ActuatorParams
     """
 
     def __init__(self, **kwargs):
@@ -42,14 +45,17 @@ class ActuatorDriverNode(Node):
         params = parameters.device_parameters(self, setup.cell.scenario.actuators)
         self._driver = cell.build_actuators(setup.cell, params)
         self._check_pace(setup)
-        self._home_due = parameters.flag(
+        self._sealed = setup.session is not None
+        home_at_start = parameters.flag(
             self, 'home_at_start', setup.cell.scenario.actuator_driver == 'simulated',
-            'go home unasked; hardware waits for ~/home')
+            'go home unasked; hardware waits for ~/home, and so does a bank without autostart in '
+            'a cell with a key')
+        # whoever activates needs no key, and moves nothing
+        self._home_due = home_at_start and (self.autostart or not self._sealed)
         self._guarded = graph.SUPERVISOR.name in setup.peers
         self._patience = setup.cell.scenario.limits.silence
         self._permission = SafetyState.HOLD if self._guarded else SafetyState.RUN
-        self._permission_ns, self._lost = 0, False
-        self._sealed = setup.session is not None
+        self._permission_ns, self._lost, self._cut = 0, False, False
         self._commands_gate, self._safety_gate = command_gate(setup), safety_gate(setup)
         self._effort, self._commands, self._refused, self._home_ns = None, 0, 0, 0
         self._ticker = ticker = Ticker(
@@ -59,6 +65,7 @@ class ActuatorDriverNode(Node):
         self._state_pub = ticker.publisher(graph.ACTUATORS)
         self._truth_pub = ticker.publisher(graph.TRUTH_PADS)
         self._health = Health(self, ticker, self._frame)
+        ticker.asleep = self.asleep
         for topic in graph.ACTUATOR_DRIVER.subscribes:
             if topic is graph.SAFETY and not setup.lockstep:
                 ticker.listen(topic, self._on_word, lockstep=False)
@@ -69,13 +76,29 @@ class ActuatorDriverNode(Node):
         if not self._sealed:
             self.get_logger().warning('no session_key: whoever is in this DDS domain may command')
         ticker.start()
-        self._driver.connect()  # last: nobody would close it if a line after it failed
+        self.begin()  # last: nobody would close the bank if a line after it failed
 
     def _check_pace(self, setup):
         if setup.lockstep and not isinstance(self._driver, SimulatedBank):
             raise ConfigError(f'{setup.cell.path}: pace = lockstep with actuator_driver = '
                               f'{setup.cell.scenario.actuator_driver!r}; hardware does not wait '
                               'for a simulated clock: set pace: wall')
+
+    def connect(self):
+        """Connect to the bank; drives that were cut stay cut: whoever configures needs no key."""
+        self._driver.connect()
+        if self._cut:
+            self._driver.stop()
+
+    def hold(self):
+        """Hold the pads where they are; what was to move unasked no longer does."""
+        self._home_due = False
+        self._driver.hold()
+
+    def disconnect(self):
+        """Cut the drives until ~/release, and let the bank go."""
+        self._cut = True
+        self._driver.close()
 
     def _work(self, tick, t_ns, inputs):
         for msg in inputs.get(graph.SAFETY.name, ()):
@@ -87,7 +110,10 @@ class ActuatorDriverNode(Node):
         self._check_permission(t_ns)
         self._home_at_start(t_ns)
         state = self._driver.read(t_ns * 1e-9, self._effort)
-        self._health.note(t_ns, state.outcome, state.message)
+        if self.active:
+            self._health.note(t_ns, state.outcome, state.message)
+        else:
+            self._health.note(t_ns, Outcome.HELD, self.why_not_active())
         self._state_pub(convert.joint_state(t_ns, self._frame, self._names, state))
         if state.pad is not None:
             self._truth_pub(convert.pad_state(t_ns, self._frame, self._names, state.pad))
@@ -106,13 +132,14 @@ class ActuatorDriverNode(Node):
         self._permission, self._permission_ns = msg.state, convert.nanoseconds(msg)
         if msg.state == SafetyState.STOP:
             self._stop()
-        elif msg.state == SafetyState.HOLD:
+        elif msg.state == SafetyState.HOLD and self.connected:
             self._driver.hold()
 
     def _stop(self):
         """Cut the drives; what was to move unasked no longer does."""
-        self._home_due = False
-        self._driver.stop()
+        self._home_due, self._cut = False, True
+        if self.connected:
+            self._driver.stop()
 
     def _home_at_start(self, t_ns):
         if self._home_due and not self._forbidden():
@@ -134,6 +161,8 @@ class ActuatorDriverNode(Node):
                                 f'{silence:.1f} s; holding until ~/release')
 
     def _not_running(self):
+        if not self.active:
+            return self.why_not_active()
         if self._permission == SafetyState.RUN:
             return ''
         return f'actuators: the safety state is not RUN; to run again: {RUN_AGAIN}'
@@ -156,7 +185,7 @@ class ActuatorDriverNode(Node):
         elif msg.mode == ActuatorCommand.MODE_HOLD:
             self._driver.hold()
         elif forbidden := self._forbidden():
-            self._refuse(t_ns, 'not permitted', forbidden)
+            self._refuse(t_ns, 'not permitted' if self.active else self.state, forbidden)
         else:
             self._move(t_ns, msg)
 
@@ -190,15 +219,12 @@ class ActuatorDriverNode(Node):
         if forbidden := self._not_running():
             raise CommandRefused(forbidden)
         self._driver.release()
-        self._lost = False
+        self._lost = self._cut = False
         return 'released'
 
     def close(self):
         """Hold where the pads are and let the hardware go."""
-        try:
-            self._driver.hold()
-        finally:
-            self._driver.close()
+        self.let_go()
 
 
 def main(args=None):

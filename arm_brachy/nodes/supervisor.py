@@ -3,7 +3,6 @@
 import time
 
 import numpy as np
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from arm_brachy import graph
@@ -15,6 +14,7 @@ from arm_brachy.core.session import RUN_AGAIN
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.keyed_trigger import KeyedTrigger
+from arm_brachy.nodes.managed_node import ManagedNode
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker, call_every, listen_to
 from arm_brachy_msgs.msg import SafetyState
@@ -23,12 +23,13 @@ LOOK_PERIOD_S = 0.5   # at the graph
 UNKNOWN = '_NODE_NAME_UNKNOWN_'   # rmw's word for a node that it has not learnt the name of yet
 
 
-class SupervisorNode(Node):
+class SupervisorNode(ManagedNode):
     """Convert, judge, publish the permission every tick and at once when a service changes it.
 
     At wall pace it holds until it has heard every peer, and each wrench of a force sensor, and
     when it sees two alive under one name. In lockstep the clock waits for whoever is silent; a
-    clock that is silent itself is in the log.
+    clock that is silent itself is in the log. Unless it is active it watches and publishes as
+    ever, but what it says is HOLD, or STOP. That it was deactivated is a hold until ~/reset.
 
     in   actuators/state  JointState  motion without permission is a stop
          force/<pad>/wrench  WrenchStamped  against the force limit
@@ -38,7 +39,8 @@ class SupervisorNode(Node):
     out  cell/safety         SafetyState    every tick
     srv  ~/emergency_stop, ~/hold  Trigger, open to all
          ~/reset             Trigger; in a cell with a key for a reset_ticket
-    par  scenario, pad_force_N, silence_s
+         ~/change_state and the others of a ManagedNode
+    par  scenario, autostart, pad_force_N, silence_s
     """
 
     def __init__(self, **kwargs):
@@ -75,11 +77,30 @@ class SupervisorNode(Node):
         self.reset = KeyedTrigger(self, setup.session, 'reset', self._reset)
         call_every(self, LOOK_PERIOD_S, self._look)
         ticker.start()
+        self.begin()
 
     @staticmethod
     def _watched(peers):
         """Nodes whose silence is a hold: what is not recorded shall not move either."""
         return set(peers) - {graph.SUPERVISOR.name, graph.CELL_CLOCK.name, graph.CELL_VIEWER.name}
+
+    def hold(self):
+        """Say HOLD at once, and until ~/reset: whoever activates needs no key."""
+        self._safety.hold('supervisor was deactivated')
+        self._publish()
+
+    @property
+    def permission(self):
+        """What is allowed now; not RUN unless active."""
+        return self._safety.permission if self.active else max(self._safety.permission,
+                                                               Permission.HOLD)
+
+    @property
+    def reason(self):
+        """Why not everything is allowed, in one line; '' in RUN."""
+        if self.active or self._safety.permission is Permission.STOP:
+            return self._safety.reason
+        return self.why_not_active()
 
     def _on_alive(self, msg):
         now = time.monotonic()
@@ -103,17 +124,17 @@ class SupervisorNode(Node):
         self._safety.doubled(self._pulse.doubles(now))
         self._safety.silent(sorted(n for n, t in self._heard.items() if now - t > self._silence))
         self._publish()
-        outcome = Outcome.OK if self._safety.permission is Permission.RUN else Outcome.HELD
-        self._health.note(t_ns, outcome, self._safety.reason)
+        outcome = Outcome.OK if self.permission is Permission.RUN else Outcome.HELD
+        self._health.note(t_ns, outcome, self.reason)
         self._health.beat(t_ns, lambda: {
-            'permission': self._safety.permission.name,
+            'permission': self.permission.name,
             **({'strangers': ', '.join(self._strangers)} if self._strangers else {})})
 
     def _watch_motion(self, states):
         """Encoders against the permission that was in force when they were read."""
         for msg in states:
             said = self._motion.breach(convert.nanoseconds(msg) * 1e-9,
-                                       self._safety.permission is Permission.RUN,
+                                       self.permission is Permission.RUN,
                                        dict(zip(msg.name, msg.position, strict=False)))
             if said:
                 self._safety.breach(said)
@@ -156,7 +177,7 @@ class SupervisorNode(Node):
 
     def _publish(self):
         self._pub(SafetyState(header=convert.header(self._now_ns, self._frame),
-                              state=int(self._safety.permission), reason=self._safety.reason))
+                              state=int(self.permission), reason=self.reason))
 
     def _on_stop(self, request, response):
         self._safety.stop('emergency stop on request')
@@ -167,6 +188,8 @@ class SupervisorNode(Node):
         return self._changed(response, True, f'holding; to run again: {RUN_AGAIN}')
 
     def _reset(self):
+        if not self.active:
+            raise CommandRefused(self.why_not_active())
         stopped = self._safety.permission is Permission.STOP
         done, message = self._safety.reset()
         self._publish()

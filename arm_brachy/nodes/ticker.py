@@ -103,6 +103,7 @@ class Ticker:
     work(tick, t_ns, inputs) : inputs maps topic name -> list of messages, oldest first. It may
     return a future; the tick is answered when that is done (a service call in progress).
     unready() : optional, names of whatever else must be there before the first tick (services)
+    asleep() : optional, what somebody must do before any tick is worked on, '' = nothing
     witness(topic name, t_ns, bytes) : optional, called with every Clock and TickDone as it came
     over the wire (the recorder keeps them).
     on_refusal(topic name, reason) : optional, called for every message that is not from this cell
@@ -116,7 +117,7 @@ class Ticker:
         """
         self._session, self.on_refusal = session, lambda topic, reason: None
         self.lockstep, self.tick_ns, self.last_ns = lockstep, tick_ns, 0
-        self.witness, self.unready = None, lambda: []
+        self.witness, self.unready, self.asleep = None, lambda: [], lambda: ''
         self._node, self._spec, self._work = node, spec, work
         self._peers = frozenset(peers) - {spec.name}
         self._readers, self._replayed = self._peers - frozenset(absent), bool(absent)
@@ -124,6 +125,7 @@ class Ticker:
         self._done = {}          # upstream -> {tick: counts by topic}
         self._ticks = deque()    # (tick, t_ns) announced and not yet answered
         self._tick, self._busy, self._started = 0, False, False
+        self._alarm = None       # timer that looks whether we are still asleep in lockstep
         self._done_pub = publish_to(node, graph.TICK_DONE.at(node=spec.name))
 
     @property
@@ -242,12 +244,12 @@ class Ticker:
         if self._started:
             self._ready_timer.cancel()
             return
-        missing = [*self.lonely(), *self.unready()]
-        if not missing:
+        asleep, missing = self.asleep(), [*self.lonely(), *self.unready()]
+        if not (asleep or missing):
             self._answer(0, 0)
         if time.monotonic() > self._mute_until:
-            self._say_waiting(f'the other end of {", ".join(missing)}' if missing
-                              else f'the first tick of {graph.CELL_CLOCK.name}')
+            self._say_waiting(asleep or (f'the other end of {", ".join(missing)}' if missing
+                                         else f'the first tick of {graph.CELL_CLOCK.name}'))
 
     def _on_clock(self, data):
         t_ns = Time.from_msg(deserialize_message(data, Clock).clock).nanoseconds
@@ -286,6 +288,10 @@ class Ticker:
         if t_ns <= self.last_ns:  # the system's time was set back: wait until it has caught up
             return
         self._started = self._started or not self._recorder_missing()
+        if asleep := self.asleep():
+            self.drain()    # nobody will want what came meanwhile
+            self._say_waiting(asleep)
+            return
         missing = self.unready() if self._started else [graph.RECORDER.name]
         if missing:
             self._say_waiting(', '.join(missing))
@@ -296,7 +302,7 @@ class Ticker:
         self._node.get_logger().info(f'waiting for {what}', throttle_duration_sec=WORD_PERIOD_S)
 
     def _advance(self):
-        if self._busy or not self._ticks:
+        if self._busy or not self._ticks or self._sleeps():
             return
         tick, t_ns = self._ticks[0]
         due = self._due_counts(tick)
@@ -306,6 +312,22 @@ class Ticker:
         inputs = {name: box.take(due[name]) for name, box in self._inboxes.items()}
         self._forget()
         self._run(tick, t_ns, inputs)
+
+    def _sleeps(self):
+        """True while asleep in lockstep, where no timer of ours would end it."""
+        asleep = self.asleep() != ''
+        if asleep and self._alarm is None:
+            self._alarm = call_every(self._node, READY_PERIOD_S, self._wake)
+        elif asleep and self._alarm.is_canceled():
+            self._alarm.reset()
+        return asleep
+
+    def _wake(self):
+        if asleep := self.asleep():
+            self._say_waiting(asleep)
+            return
+        self._alarm.cancel()
+        self._advance()
 
     def _due_counts(self, tick):
         """Messages due per topic for `tick`, or None while something is missing.

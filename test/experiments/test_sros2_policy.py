@@ -33,3 +33,10 @@ def test_what_a_node_calls_is_offered_by_another(profiles):
     offered = {f'{n}/{s.removeprefix("~/")}' for n, p in profiles.items()
                for s in allowed(p, 'service', 'reply')}
     assert {s for names in CALLS.values() for s in names} <= offered
+
+
+def test_nobody_in_the_cell_may_change_the_state_of_a_managed_node(profiles):
+    offers = {n for n, p in profiles.items() if '~/change_state' in allowed(p, 'service', 'reply')}
+    assert offers == {'actuator_driver', 'supervisor'}
+    assert not any(s.endswith('/change_state') for p in profiles.values()
+                   for s in allowed(p, 'service', 'request'))

@@ -56,6 +56,8 @@ def promised(cell):
         hears |= {graph.TICK_DONE.at(node=n).name for n in upstream}
         says |= {f'{action.replace("~", spec.name)}/_action/{what}' for action in spec.actions
                  for what in ('feedback', 'status')}
+        if spec.managed:
+            says.add(graph.LIFECYCLE_EVENT.replace('~', spec.name))
         table[spec.name, 'publishes'] = {'/' + n.lstrip('/') for n in says}
         table[spec.name, 'subscribes'] = {'/' + n.lstrip('/') for n in hears}
     return table

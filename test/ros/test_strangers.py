@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -235,6 +237,22 @@ def test_no_stranger_sends_the_pads_home_or_ends_a_hold(bench, tmp_path):
     bench.run_again()
     assert bench.keyed('actuator_driver/home').success
     assert bench.watch(lambda: np.abs(bench.q).max() < 0.1e-3)
+
+
+def test_no_stranger_ends_a_hold_by_transitions_or_moves_a_pad(bench):
+    """Whoever deactivates and activates has made the cell hold, and no more."""
+    for node in ('supervisor', 'actuator_driver'):
+        for transition in ('deactivate', 'cleanup', 'configure', 'activate'):
+            request = ChangeState.Request(transition=Transition(label=transition))
+            assert bench.call(ChangeState, f'{node}/change_state', request).success
+    bench.send(graph.COMMAND, bench.order(0.02, 0.0, 0.0, 0.0))
+    assert bench.watch(lambda: bench.said('actuators/command: no seal'))
+    bench.watch(lambda: False, 0.5)
+    assert bench.permission.state == SafetyState.HOLD and np.abs(bench.q).max() < 0.1e-3
+    assert 'supervisor was deactivated' in bench.permission.reason
+    bench.run_again()
+    assert bench.keyed('actuator_driver/home').success
+    bench.watch(lambda: False, 0.5)
 
 
 def test_motion_without_permission_is_a_stop_within_a_second_of_its_grace(bench):
