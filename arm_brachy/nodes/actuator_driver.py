@@ -8,14 +8,14 @@ from arm_brachy.devices.actuator import SimulatedBank
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.keyed_trigger import KeyedTrigger
-from arm_brachy.nodes.managed_node import ManagedNode
+from arm_brachy.nodes.managed_node import AbstractManagedNode
 from arm_brachy.nodes.permission import command_gate, safety_gate
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
 from arm_brachy_msgs.msg import ActuatorCommand, SafetyState
 
 
-class ActuatorDriverNode(ManagedNode):
+class ActuatorDriverNode(AbstractManagedNode):
     """Convert, call the driver, convert back. Without a fresh permission to run it holds.
 
     Unconfigured it has no bank and answers no tick: without encoders there is nothing to say.
@@ -32,7 +32,7 @@ class ActuatorDriverNode(ManagedNode):
     out  actuators/state    JointState       every tick; stamp = tick
          truth/pads         PadState         simulated bank only
     srv  ~/home, ~/release  Trigger; in a cell with a key for a home_ticket, a release_ticket
-         ~/change_state and the others of a ManagedNode
+         ~/change_state and the others of a managed node
     par  scenario, autostart, home_at_start, and every quantity of ActuatorParams
     """
 

@@ -7,6 +7,7 @@ have. It leaves a node that was destroyed in the graph, with all that its state 
 """
 
 import traceback
+from abc import ABC, abstractmethod
 
 import rclpy
 from lifecycle_msgs.srv import ChangeState
@@ -28,7 +29,7 @@ POSSIBLE = {UNCONFIGURED: 'configure, shutdown', INACTIVE: 'activate, cleanup, s
 END_S = 0.2     # from a shutdown to the end of the process, for the answer to go out
 
 
-class ManagedNode(LifecycleNode):
+class AbstractManagedNode(LifecycleNode, ABC):
     """Base of the nodes that can move something, or allow it.
 
     A node of this kind calls `begin` last in its __init__, and says what it does in `connect`,
@@ -51,12 +52,12 @@ class ManagedNode(LifecycleNode):
     def connect(self):
         """Do what `configure` asks for. An ArmBrachyError fails it; the node is as before."""
 
+    @abstractmethod
     def hold(self):
         """Make everything rest: before `deactivate` ends, and at a shutdown of what is connected.
 
         An exception here is an error of the transition: the node disconnects.
         """
-        raise NotImplementedError
 
     def disconnect(self):
         """Let go of what `connect` took: on `cleanup`, at a shutdown and after an error."""
@@ -94,7 +95,7 @@ class ManagedNode(LifecycleNode):
         """What somebody must do before anything is connected, for a Ticker; '' if connected."""
         if self.connected:
             return ''
-        return self._command() if self.state in NEXT else 'the end of this node'
+        return self._command() if self.state in NEXT else 'the end of this finalized node'
 
     def let_go(self):
         """Hold and disconnect if anything is connected: the node ends."""
@@ -169,10 +170,11 @@ class ManagedNode(LifecycleNode):
             if not rclpy.ok():
                 raise
             response.success = False
-        if not response.success:
+        if response.success:
+            self._tell()
+        else:
             self.get_logger().error(
                 self._failure(request.transition.label or request.transition.id))
-        self._tell()
         return response
 
     def _failure(self, transition):
@@ -183,7 +185,7 @@ class ManagedNode(LifecycleNode):
         expected = isinstance(self._trouble, ArmBrachyError)
         why = str(self._trouble) if expected else ''.join(
             traceback.format_exception(self._trouble))
-        return f'{self.get_name()}: {transition} failed: {why}'
+        return f'{self.get_name()} is {self.state}: {transition} failed: {why}'
 
     def _tell(self):
         todo = f'; {self._command()}' if self.state in NEXT else ''

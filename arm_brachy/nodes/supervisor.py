@@ -14,7 +14,7 @@ from arm_brachy.core.session import RUN_AGAIN
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.keyed_trigger import KeyedTrigger
-from arm_brachy.nodes.managed_node import ManagedNode
+from arm_brachy.nodes.managed_node import AbstractManagedNode
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker, call_every, listen_to
 from arm_brachy_msgs.msg import SafetyState
@@ -23,7 +23,7 @@ LOOK_PERIOD_S = 0.5   # at the graph
 UNKNOWN = '_NODE_NAME_UNKNOWN_'   # rmw's word for a node that it has not learnt the name of yet
 
 
-class SupervisorNode(ManagedNode):
+class SupervisorNode(AbstractManagedNode):
     """Convert, judge, publish the permission every tick and at once when a service changes it.
 
     At wall pace it holds until it has heard every peer, and each wrench of a force sensor, and
@@ -39,7 +39,7 @@ class SupervisorNode(ManagedNode):
     out  cell/safety         SafetyState    every tick
     srv  ~/emergency_stop, ~/hold  Trigger, open to all
          ~/reset             Trigger; in a cell with a key for a reset_ticket
-         ~/change_state and the others of a ManagedNode
+         ~/change_state and the others of a managed node
     par  scenario, autostart, pad_force_N, silence_s
     """
 

@@ -347,8 +347,8 @@ def test_hardware_that_does_not_answer_fails_the_transition_and_may_be_tried_aga
     hardware({'connect': NO_PORT}, autostart=False)
     assert not bench.change(DRIVER, 'configure')
     assert bench.state(DRIVER) == 'unconfigured'
-    assert 'actuator_driver: configure failed: no answer on /dev/ttyUSB0; switch the bank on' \
-        in capfd.readouterr().err
+    assert 'actuator_driver is unconfigured: configure failed: no answer on /dev/ttyUSB0; ' \
+           'switch the bank on' in capfd.readouterr().err
     Hardware.broken = {}
     assert bench.change(DRIVER, 'configure')
     assert Hardware.calls == ['connect', 'connect'] and bench.encoders_go_on()
@@ -364,7 +364,7 @@ def test_a_bank_that_does_not_hold_is_disconnected(hardware, bench, capfd):
     assert not bench.change(DRIVER, 'deactivate')
     assert Hardware.calls == ['connect', 'hold', 'close']
     assert bench.state(DRIVER) == 'unconfigured'
-    assert 'deactivate failed: the bus is silent' in capfd.readouterr().err
+    assert 'is unconfigured: deactivate failed: the bus is silent' in capfd.readouterr().err
 
 
 def test_a_bug_of_a_bank_is_an_error_with_its_traceback_and_the_bank_is_let_go(
