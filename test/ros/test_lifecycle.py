@@ -217,14 +217,6 @@ def test_no_transition_releases_an_emergency_stop(cell):
     assert cell.trigger('actuator_driver/release').success
 
 
-def test_a_stop_that_an_unconfigured_driver_hears_cuts_the_drives_it_connects_to(cell):
-    assert cell.change(DRIVER, 'deactivate', 'cleanup')
-    assert cell.says(SafetyState.HOLD, 'no sign of life from actuator_driver')
-    assert cell.trigger('supervisor/emergency_stop').success
-    assert cell.change(DRIVER, 'configure', 'activate')
-    assert cell.watch(lambda: cell.said('emergency stop; call release'))
-
-
 def test_a_transition_that_the_state_does_not_have_is_refused_and_the_node_lives(cell, capfd):
     for label, number in (('', 3), ('', 0), ('', 99), ('activate', 0), ('nonsense', 0)):
         assert not cell.change(DRIVER, label, number=number), (label, number)
@@ -352,6 +344,23 @@ def test_hardware_that_does_not_answer_fails_the_transition_and_may_be_tried_aga
     Hardware.broken = {}
     assert bench.change(DRIVER, 'configure')
     assert Hardware.calls == ['connect', 'connect'] and bench.encoders_go_on()
+
+
+def test_a_stop_that_an_unconfigured_driver_hears_cuts_the_drives_it_connects_to(
+        hardware, bench):
+    hardware(autostart=False)
+    pub = bench.create_publisher(SafetyState, graph.SAFETY.name, offered(graph.SAFETY))
+    pub.publish(SafetyState(state=SafetyState.STOP))
+    bench.rest()
+    assert Hardware.calls == []
+    pub.publish(SafetyState(header=convert.header(bench.get_clock().now().nanoseconds,
+                                                  'cell_base'), state=SafetyState.RUN))
+    bench.rest()
+    assert bench.change(DRIVER, 'configure', 'activate')
+    assert Hardware.calls == ['connect', 'stop']
+    assert bench.trigger('actuator_driver/release').success
+    assert bench.change(DRIVER, 'deactivate', 'cleanup', 'configure')
+    assert Hardware.calls[2:] == ['release', 'hold', 'close', 'connect', 'stop']
 
 
 def test_a_node_that_starts_itself_ends_with_what_kept_it_from_connecting(hardware):
