@@ -32,9 +32,10 @@ ALLOWED = {
 }
 
 # Sub-packages and modules of the diagnosis, low to high: each may import what stands before it.
-DIAGNOSIS = ('progress', 'settings', 'statistics', 'signals', 'results', 'isolation', 'model',
-             'likelihood', 'estimation', 'selection', 'experiment_design', 'report', 'stages',
-             'free_vibration', 'monitoring', 'residual_monitor', 'pipeline', 'bags', 'partial')
+DIAGNOSIS = ('progress', 'forked', 'settings', 'statistics', 'signals', 'results', 'isolation',
+             'model', 'likelihood', 'estimation', 'selection', 'experiment_design', 'report',
+             'stages', 'free_vibration', 'monitoring', 'residual_monitor', 'pipeline', 'bags',
+             'partial')
 
 # Each heavy package, and ROS, has its home; the generators of the trial and of a laboratory have
 # solvers of their own.

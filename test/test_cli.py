@@ -130,6 +130,8 @@ def test_without_arguments_the_help_is_shown():
     (['import', 'xls', 'a'], "No such command 'xls'"),
     (['run', 'a.yaml', '--speed-limit', '-1'], '--speed-limit'),
     (['mesh', 'a.stl', 'b.msh', '--edge-length-mm', 'x'], "'x' is not a valid float"),
+    (['diagnose', 'bag', '--scene', 's.yaml', '--jobs', '0'], '0 is not in the range x>=1'),
+    (['diagnose', 'bag', '--scene', 's.yaml', '--jobs', 'all'], "'all' is not a valid integer"),
     (['replay', 'bag', '--node', 'tissue'], "'tissue' is not one of 'actuator_driver'"),
     (['reproduce', 'table-9.9'], "'table-9.9' is not one of"),
     (['evaluate', 'bag', '--json', '/nowhere/a.json'], '/nowhere: no such folder'),

@@ -21,6 +21,7 @@ from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis import pipeline as stages
 from arm_brachy.diagnosis.bags import load_bags
 from arm_brachy.diagnosis.experiment_design.moves import moves_of
+from arm_brachy.diagnosis.forked import cores
 from arm_brachy.diagnosis.free_vibration.corrected_run import as_let_go
 from arm_brachy.diagnosis.free_vibration.screening import is_free
 from arm_brachy.diagnosis.partial import partial_answer, quick_answer
@@ -63,12 +64,14 @@ SCREENED = 5    # candidates of a linear screen that the terminal shows; the pag
 @click.option('--time-limit', type=click.FloatRange(min=0.0, min_open=True), metavar='SECONDS',
               help='End after this time with what is known until then, as Ctrl-C does; exit '
                    'status 1.')
+@click.option('--jobs', type=click.IntRange(1), metavar='N',
+              help='Processes at a time; the answer is the same. Default: one a core.')
 @click.option('--out', type=click.Path(), metavar='FOLDER',
               help='Of page, JSON and corrected scenario; new or empty. '
                    'Default: runs/diagnosis-<time>.')
 @json_option
-def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, quick, time_limit, out,
-             json_file):
+def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, quick, time_limit, jobs,
+             out, json_file):
     """Say where BAGs differ from their model and what physics is missing.
 
     All BAGs are of one body. Kinds of push are held out in turn (or whole recordings, with
@@ -95,7 +98,7 @@ def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, quick, t
                             _typed(bags, scene, scenes_of, null, held_out, calibration, quick))
     clock.steps = FREE_STEPS if is_free(read[scene]) else STEPS
     with new_folder(result_folder(out, 'diagnosis')) as folder:
-        answer = _run(loaded, provenance, calibrated, quick, time_limit, clock)
+        answer = _run(loaded, provenance, calibrated, quick, time_limit, jobs or cores(), clock)
         most = _shows_most(answer.diagnosis, [one.scene for one in loaded.fitted])
         found = _corrected(answer.diagnosis, loaded.fitted, most, files[bags[most]], folder)
         write_diagnosis(found, answer.shown, folder / 'diagnosis.html')
@@ -142,7 +145,7 @@ def _typed(bags, scene, scenes_of, null, held_out, calibration, quick):
     return ' '.join(words_ + (['--quick'] if quick else []))
 
 
-def _run(loaded, provenance, calibration, quick, time_limit, clock):
+def _run(loaded, provenance, calibration, quick, time_limit, jobs, clock):
     """The Answer, under a line of progress; a partial one if it is ended before its time."""
     known = Known()
     left = None if time_limit is None else max(time_limit - clock.elapsed, 1e-3)
@@ -150,7 +153,7 @@ def _run(loaded, provenance, calibration, quick, time_limit, clock):
         with shown(clock) as progress, ended_after(left):
             asked = quick_answer if quick else stages.diagnose
             return asked(loaded.fitted, provenance, held_out=loaded.held_out, null=loaded.null,
-                         progress=progress, calibration=calibration, known=known)
+                         progress=progress, calibration=calibration, known=known, jobs=jobs)
     except KeyboardInterrupt as ended:
         if not known.evidences:
             raise

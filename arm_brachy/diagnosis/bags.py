@@ -48,14 +48,14 @@ def load_bags(bags, scene_of, *, hold_out=(), null=()):
 
 
 def diagnose_bags(bags, scene, *, null=(), hold_out=(), calibration=None, seed=0, scenes=None,
-                  progress=untold):
+                  progress=untold, jobs=1):
     """Return the pipeline.Answer for recordings of one body: what is missing, where, how sure.
 
     bags : paths to fit;  null : paths of recordings in which nothing is wrong;  hold_out : paths
     to test on;  scene : file of what they show, or core.scene.Scene
     scenes : bag -> file or Scene where one differs, of a body without pads
     calibration : settings.Calibration or a file of one, None = defaults;  seed : of random draws
-    progress : as in `progress`
+    progress : as in `progress`;  jobs : processes at a time, the answer is the same
     Takes minutes. `report.page.write_diagnosis(answer.diagnosis, answer.shown, file)` writes the
     page, `answer.diagnosis.to_json(file)` the JSON.
     Raises ConfigError, InputError, RecordingError and their kin for what cannot be compared,
@@ -75,7 +75,7 @@ def diagnose_bags(bags, scene, *, null=(), hold_out=(), calibration=None, seed=0
     if calibration is not None and not isinstance(calibration, Calibration):
         calibration = load(Calibration, calibration)
     return diagnose(loaded.fitted, said, held_out=loaded.held_out, null=loaded.null,
-                    calibration=calibration, progress=progress)
+                    calibration=calibration, progress=progress, jobs=jobs)
 
 
 def _said(one):

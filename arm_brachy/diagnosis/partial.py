@@ -70,7 +70,7 @@ def partial_answer(known, provenance, why, seconds, simplified=()):
 
 @threadpool_limits.wrap(limits=1)
 def quick_answer(evidences, provenance, *, held_out=(), null=(), progress=untold,
-                 calibration=None, known=None, quick=None):
+                 calibration=None, known=None, quick=None, jobs=1):
     """Return the Answer, verdict 'partial', of a quick look: no full fits, fewer load states.
 
     Arguments as of `pipeline.diagnose`;  quick : stages.Quick
@@ -84,7 +84,7 @@ def quick_answer(evidences, provenance, *, held_out=(), null=(), progress=untold
         free_screen(known, evidences, held_out, progress, thin=quick.thin)
     else:
         screen(known, evidences, held_out, null, calibration, seed=provenance.seed,
-               progress=progress, quick=quick)
+               progress=progress, quick=quick, jobs=jobs)
     progress(ERRORS, 0, 1)
     return partial_answer(known, provenance, 'quick', time.monotonic() - start,
                           quick.said(evidences[0].scene))

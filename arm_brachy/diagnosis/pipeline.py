@@ -53,7 +53,7 @@ class Answer:
 # breast and gained nothing.
 @threadpool_limits.wrap(limits=1)
 def diagnose(evidences, provenance, *, held_out=(), null=(), progress=untold, accuracy=None,
-             calibration=None, meshes=None, known=None):
+             calibration=None, meshes=None, known=None, jobs=1):
     """Return the Answer for loading.Evidence of one scene.
 
     provenance : answer.Provenance without recordings
@@ -63,6 +63,8 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=untold, ac
     calibration : finding.Calibration;  meshes : discretisation.EnsembleOptions; None = defaults
     known : stages.Known that gets what each step has found as it ends; of it `partial` makes
         an Answer if this one is ended before its time
+    jobs : processes at a time, of which the answer does not depend; those of the linear screen
+        are forks (`forked`), bodies without pads have one
     Raises InputError and its kin for what cannot be compared or is there twice, NotConverged where
     the model has no state.
     Test: diagnosis/test_diagnose.py
@@ -73,7 +75,7 @@ def diagnose(evidences, provenance, *, held_out=(), null=(), progress=untold, ac
     if is_free(evidences[0].scene):
         return Answer(*free_answer(evidences, provenance, held_out, progress, known))
     screen(known, evidences, held_out, null, calibration, seed=provenance.seed,
-           accuracy=accuracy, meshes=meshes, progress=progress)
+           accuracy=accuracy, meshes=meshes, progress=progress, jobs=jobs)
     return _decided(known, provenance, accuracy, progress)
 
 

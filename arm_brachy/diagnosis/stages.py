@@ -97,7 +97,7 @@ class Quick:
 
 
 def screen(known, evidences, held_out=(), null=(), calibration=None, *, seed=0, accuracy=None,
-           meshes=None, progress=untold, quick=None):
+           meshes=None, progress=untold, quick=None, jobs=1):
     """Fill a Known up to the linear screen; arguments as of `pipeline.diagnose`.
 
     quick : Quick, None = nothing is coarser
@@ -141,7 +141,7 @@ def screen(known, evidences, held_out=(), null=(), calibration=None, *, seed=0, 
     known.steps += [MESHES, MODEL]
     known.tried = try_all(known.matched, occasions_of(looked),
                           lambda done, of, name: progress(SCREEN, done, of, name),
-                          thin=None if quick is None else quick.thin)
+                          thin=None if quick is None else quick.thin, jobs=jobs)
     known.steps.append(SCREEN)
 
 

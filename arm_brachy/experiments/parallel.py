@@ -5,10 +5,11 @@ Test: experiments/test_parallel.py
 
 import multiprocessing
 import os
-import threading
 from concurrent.futures import ProcessPoolExecutor
 
 import numba
+
+from arm_brachy.core.processes import end_with_parent
 
 
 def process_pool(jobs):
@@ -30,10 +31,4 @@ def on_one_thread(work, *task):
 
 def _begin():
     numba.set_num_threads(1)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent():
-    """Wait for the parent to die; its children would go on with what nobody waits for."""
-    multiprocessing.parent_process().join()
-    os._exit(1)
+    end_with_parent()

@@ -7,6 +7,7 @@ import numpy as np
 
 from arm_brachy.core.errors import InputError, NotConverged
 from arm_brachy.core.term import Stage
+from arm_brachy.diagnosis import forked
 from arm_brachy.diagnosis.isolation.handover import Occasions
 from arm_brachy.diagnosis.model.hypothesis import LOOSENING
 from arm_brachy.diagnosis.model.sensitivities import respond
@@ -57,12 +58,13 @@ def triable(cls, remembers=False, heavy=True):
     return 'acts on what swings, which is not modelled here' if name in INERTIAL else ''
 
 
-def try_all(matched, occasions=None, progress=None, terms=TERMS, thin=None):
+def try_all(matched, occasions=None, progress=None, terms=TERMS, thin=None, jobs=1):
     """Tried: all terms of the registry on match.Matched recordings of one body.
 
     occasions : candidates.Occasions;  terms : classes of the registry, where not all
     thin : function from Hypotheses to those of them that are tried, None = all are
     progress : called with candidates done, of all, and the name of the next one; None = nobody is
+    jobs : processes at a time (`forked`); with more than one there is no next one
     What happened suddenly in one of several recordings, or in a rhythm, is tried in that one alone
     as well: it need not happen again at the same time. A place at which a term does not fit the
     body, or finds no state, is left out.
@@ -77,27 +79,70 @@ def try_all(matched, occasions=None, progress=None, terms=TERMS, thin=None):
     options_of = {cls: candidates(cls, specimen, occasions) for cls in listed}
     if thin is not None:
         options_of = {cls: thin(some) for cls, some in options_of.items()}
-    total = sum(map(len, options_of.values()))
-    done = count()
+    outcomes = _outcomes(matched, options_of, progress or (lambda done, of, name: None), jobs)
     for cls, options in options_of.items():
         why = '' if options else 'nothing here says when or where'
-        for one in options:
-            if progress:
-                progress(next(done), total, one.name)
-            try:
-                responses = tuple(respond(m.baseline, one) for m in matched)
-            except (InputError, InvertedElement, NotConverged) as error:
-                why = str(error)
-                continue
-            if all(_whole(r) for r in responses):
-                for way, its in ((one, responses), *_in_one_alone(one, responses, occasions)):
-                    found.append(way)
-                    answers.append(its)
-            else:
-                why = 'the model finds no state with it'
+        for one, (responses, none) in zip(options, outcomes[cls], strict=True):
+            why = none or why
+            for way, its in _ways(one, responses, occasions):
+                found.append(way)
+                answers.append(its)
         if not any(one.cls is cls for one in found):
             left_out[cls.spec.name] = why
     return Tried(tuple(found), tuple(answers), left_out)
+
+
+def _outcomes(matched, options_of, progress, jobs):
+    """Class -> [`_outcome` of each of its Hypotheses], which `options_of` has by their class."""
+    jobs = forked.processes(jobs)
+    if jobs > 1:
+        return _outcomes_at_once(matched, options_of, progress, jobs)
+    total, number = sum(map(len, options_of.values())), count()
+
+    def outcome(one):
+        progress(next(number), total, one.name)
+        return _outcome(matched, one)
+
+    return {cls: list(map(outcome, options)) for cls, options in options_of.items()}
+
+
+def _outcomes_at_once(matched, options_of, progress, jobs):
+    """`_outcomes` by so many processes; one does a class, whose Hypotheses share what they ask."""
+    left, total = dict(options_of), sum(map(len, options_of.values()))
+
+    def done(cls):
+        del left[cls]
+        progress(total - sum(map(len, left.values())), total, '')
+
+    progress(0, total, '')
+    found = forked.each(lambda cls: [_outcome(matched, one) for one in options_of[cls]],
+                        tuple(options_of), jobs, lambda cls: _cost(options_of[cls]), done)
+    return dict(zip(options_of, found, strict=True))
+
+
+def _cost(options):
+    """What orders classes by the time that their Hypotheses take: roughly, it decides nothing."""
+    return any(one.name in LOOSENING for one in options), len(options)
+
+
+def _outcome(matched, one):
+    """(Responses in all recordings, '') of a Hypothesis;  ((), why) of one that is left out."""
+    try:
+        responses = tuple(respond(m.baseline, one) for m in matched)
+    except (InputError, InvertedElement, NotConverged) as error:
+        return (), str(error)
+    if all(_whole(r) for r in responses):
+        return responses, ''
+    return (), 'the model finds no state with it'
+
+
+def _ways(one, responses, occasions):
+    """(Hypothesis, Responses) of a Hypothesis in all recordings and in each alone; () of none."""
+    if not responses:
+        return ()
+    # What another process returns is of a copy; a hypothesis is known by which object it is.
+    responses = tuple(replace(r, hypothesis=one) for r in responses)
+    return ((one, responses), *_in_one_alone(one, responses, occasions))
 
 
 def _in_one_alone(one, responses, occasions):
