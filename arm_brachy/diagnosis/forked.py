@@ -48,7 +48,7 @@ def each(work, parts, jobs, size, finished):
     """
     order = sorted(range(len(parts)), key=lambda i: size(parts[i]), reverse=True)
     with _forked(min(jobs, len(parts)), work, parts) as pool:
-        with _ctrl_c_held_back():
+        with _signals_held_back():
             futures = {pool.submit(_act, i): i for i in order}
         for future in as_completed(futures):
             finished(parts[futures[future]])
@@ -76,9 +76,12 @@ def _forked(count, work, parts):
 
 
 @contextmanager
-def _ctrl_c_held_back():
-    """Context in which Ctrl-C waits; a process that is forked in it leaves Ctrl-C to this one."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+def _signals_held_back():
+    """Context in which Ctrl-C and time limits wait; forks made in it never hear of either.
+
+    A fork keeps the mask of signals that it was made with.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGALRM})
     try:
         yield
     finally:
@@ -86,7 +89,7 @@ def _ctrl_c_held_back():
 
 
 def _begin(work, parts):
-    """Be a fork that does `parts` on one core: there are as many forks as cores may be used."""
+    """Be a fork that does some of the parts, on one core: the others have others."""
     numba.set_num_threads(1)
     threadpool_limits(1)
     end_with_parent()

@@ -272,6 +272,14 @@ def test_what_drifts_goes_on_from_one_recording_to_the_next(record):
     assert 60.0 * cause.parameters['rate'].value == pytest.approx(0.3, rel=0.1)
 
 
+def test_two_jobs_give_the_same_bits(stiffening, record, tmp_path):
+    """Of a screen that forks share; on one core there is none to share it with."""
+    shared = diagnose((record((STIFFENING,)),), source(), meshes=MESHES, jobs=2)
+    for name, found in (('one', stiffening), ('two', shared)):
+        found.diagnosis.to_json(tmp_path / name)
+    assert (tmp_path / 'one').read_bytes() == (tmp_path / 'two').read_bytes()
+
+
 def test_where_it_shows_most_the_measured_follows_what_was_found(stiffening):
     shown = {one.stream: one for one in stiffening.shown.partials}
     assert set(shown) == {OPTICAL, EM, FORCE}

@@ -9,6 +9,7 @@ from arm_brachy.core.errors import InputError, NotConverged
 from arm_brachy.core.term import Stage
 from arm_brachy.diagnosis import forked
 from arm_brachy.diagnosis.isolation.handover import Occasions
+from arm_brachy.diagnosis.model.condensation import Condensed
 from arm_brachy.diagnosis.model.hypothesis import LOOSENING
 from arm_brachy.diagnosis.model.sensitivities import respond
 from arm_brachy.diagnosis.selection.candidates import candidates
@@ -110,14 +111,36 @@ def _outcomes_at_once(matched, options_of, progress, jobs):
     """`_outcomes` by so many processes; one does a class, whose Hypotheses share what they ask."""
     left, total = dict(options_of), sum(map(len, options_of.values()))
 
+    def work(cls):
+        return ([_outcome(matched, one) for one in options_of[cls]],
+                [_noted(m.baseline) for m in matched])
+
     def done(cls):
         del left[cls]
         progress(total - sum(map(len, left.values())), total, '')
 
     progress(0, total, '')
-    found = forked.each(lambda cls: [_outcome(matched, one) for one in options_of[cls]],
-                        tuple(options_of), jobs, lambda cls: _cost(options_of[cls]), done)
-    return dict(zip(options_of, found, strict=True))
+    found = forked.each(work, tuple(options_of), jobs, lambda cls: _cost(options_of[cls]), done)
+    for _, notes in found:
+        for m, noted in zip(matched, notes, strict=True):
+            _note(m.baseline, *noted)
+    return {cls: outcomes for cls, (outcomes, _) in zip(options_of, found, strict=True)}
+
+
+def _noted(baseline):
+    """What answers at a Baseline leave to later ones, which would not find it alike by themselves.
+
+    What a class does to supports is asked of its first Hypothesis; and a Baseline at some of the
+    states takes over where the whole one was condensed.
+    """
+    return baseline.restructures, baseline.condensed is not None
+
+
+def _note(baseline, restructures, condensed):
+    """Leave at a Baseline what `_noted` says of a fork's copy of it."""
+    baseline.restructures.update(restructures)
+    if condensed and baseline.condensed is None:
+        baseline.condensed = Condensed(baseline)
 
 
 def _cost(options):
