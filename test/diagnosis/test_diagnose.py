@@ -272,12 +272,14 @@ def test_what_drifts_goes_on_from_one_recording_to_the_next(record):
     assert 60.0 * cause.parameters['rate'].value == pytest.approx(0.3, rel=0.1)
 
 
-def test_two_jobs_give_the_same_bits(stiffening, record, tmp_path):
+def test_two_jobs_give_the_same_bits(record, tmp_path):
     """Of a screen that forks share; on one core there is none to share it with."""
-    shared = diagnose((record((STIFFENING,)),), source(), meshes=MESHES, jobs=2)
-    for name, found in (('one', stiffening), ('two', shared)):
-        found.diagnosis.to_json(tmp_path / name)
-    assert (tmp_path / 'one').read_bytes() == (tmp_path / 'two').read_bytes()
+    short = record((STIFFENING,), legs=PUSHES[4:5])
+    for jobs in (1, 2):
+        d = diagnose((short,), source(), meshes=MESHES, jobs=jobs).diagnosis
+        assert d.verdict != 'nothing_missing'
+        d.to_json(tmp_path / str(jobs))
+    assert (tmp_path / '1').read_bytes() == (tmp_path / '2').read_bytes()
 
 
 def test_where_it_shows_most_the_measured_follows_what_was_found(stiffening):

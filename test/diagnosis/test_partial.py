@@ -1,6 +1,7 @@
 """A diagnosis that is ended early says what it knows, and that it is no verdict."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -81,19 +82,23 @@ def recording(scene, tmp_path_factory):
 
 
 def test_ctrl_c_writes_what_is_known(recording, tmp_path):
-    """A real process, in the middle of the linear screen."""
+    """A real process and its forks, in the middle of the linear screen, as a terminal does it."""
     bag, scene = recording
     process = subprocess.Popen(
         [sys.executable, '-m', 'arm_brachy', 'diagnose', str(bag), '--scene', str(scene), '--out',
-         str(tmp_path / 'out')], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+         str(tmp_path / 'out'), '--jobs', '2'], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, start_new_session=True)
     seen = []
     for line in process.stderr:
         seen.append(line)
         if f'step 4 of 6: {SCREEN}' in line:
             break
-    process.send_signal(signal.SIGINT)
+    time.sleep(0.5)     # until they are at work
+    os.killpg(process.pid, signal.SIGINT)
     said, rest = process.communicate(timeout=300)
     assert process.returncode == 130, rest
+    with pytest.raises(ProcessLookupError):     # no fork goes on
+        os.killpg(process.pid, 0)
     assert 'Traceback' not in rest and f'error: interrupted; what was known until then is in ' \
         f'{tmp_path / "out"}' in rest
     steps = [line.split(': ')[1].split(',')[0] for line in seen if 'step' in line]
