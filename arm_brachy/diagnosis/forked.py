@@ -32,9 +32,16 @@ def processes(jobs):
     """Number of processes that do so many jobs at a time; 1 = this one alone, nothing is forked.
 
     No more than there are cores. One where numba took GNU OpenMP for its threads, not TBB, its
-    first choice: that ends a process which was forked.
+    first choice: that ends a process which was forked. One where the system gives no semaphores,
+    as a sandbox may.
     """
-    return 1 if jobs == 1 or numba.threading_layer() == 'omp' else min(jobs, cores())
+    if jobs == 1 or numba.threading_layer() == 'omp':
+        return 1
+    try:
+        multiprocessing.get_context('fork').Lock()
+    except OSError:
+        return 1
+    return min(jobs, cores())
 
 
 def each(work, parts, jobs, size, finished):
@@ -43,13 +50,12 @@ def each(work, parts, jobs, size, finished):
     work : function of a part; what it returns or raises is pickled
     size : function of a part; the larger ones are begun first, lest one is left for the end
     finished : called here with every part that is done, as they come
-    Raises what the first part raises, of those that do, once all are done; ArmBrachyError if a
-    process is ended from outside. No process outlives the call.
+    Raises what the first part raises, of those that do, once all are done; ArmBrachyError if no
+    process can be made, or one is ended from outside. No process outlives the call.
     """
     order = sorted(range(len(parts)), key=lambda i: size(parts[i]), reverse=True)
     with _forked(min(jobs, len(parts)), work, parts) as pool:
-        with _signals_held_back():
-            futures = {pool.submit(_act, i): i for i in order}
+        futures = _begun(pool, order)
         for future in as_completed(futures):
             finished(parts[futures[future]])
         try:
@@ -58,6 +64,17 @@ def each(work, parts, jobs, size, finished):
             raise ArmBrachyError('a process of the diagnosis was ended from outside, as the '
                                  'kernel does where memory is short; must run to its end; give '
                                  'fewer --jobs') from None
+
+
+def _begun(pool, order):
+    """Future -> number of its part, the parts in an order; all processes are forked here."""
+    with _signals_held_back():
+        try:
+            return {pool.submit(_act, i): i for i in order}
+        except OSError as error:
+            raise ArmBrachyError(f'no process can be made for --jobs ({error.strerror}); must be '
+                                 'as many as given, with little memory of their own; give fewer '
+                                 '--jobs') from None
 
 
 @contextmanager

@@ -7,7 +7,9 @@ import sys
 from arm_brachy.prove import sandbox
 from arm_brachy.prove.folder import read_json, write_json
 
-DIAGNOSE = (sys.executable, '-P', '-c', 'from arm_brachy.cli import main; main()', 'diagnose')
+# One process each: several cases are answered at a time.
+DIAGNOSE = (sys.executable, '-P', '-c', 'from arm_brachy.cli import main; main()', 'diagnose',
+            '--jobs', '1')
 ABSOLUTE, NULL = 'absolute', 'null'
 SUPPLIED = 'supplied'   # both the recording and the one that would decide, of what none can alone
 LIMIT = 1800.0      # s of the wall clock, for one answer

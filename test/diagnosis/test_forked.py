@@ -1,5 +1,6 @@
 """Parts of a step done by forks: in order, and none of them outlives what asked for it."""
 
+import errno
 import multiprocessing
 import os
 import signal
@@ -85,9 +86,25 @@ def test_a_fork_has_one_thread():
         assert each(threads, (1, 2)) == [(1, {1})] * 2
 
 
+def refuse(number):
+    def refused(*_, **__):
+        raise OSError(number, os.strerror(number))
+    return refused
+
+
+def test_where_no_process_can_be_made_it_is_told_in_one_line(monkeypatch):
+    monkeypatch.setattr(os, 'fork', refuse(errno.ENOMEM))
+    with pytest.raises(ArmBrachyError, match=r'\(Cannot allocate memory\).* fewer --jobs'):
+        each(len, ('', 'a'))
+
+
 def test_there_are_no_more_processes_than_cores_and_one_where_numba_cannot_fork(monkeypatch):
     monkeypatch.setattr(os, 'sched_getaffinity', lambda process: set(range(3)))
     monkeypatch.setattr(numba, 'threading_layer', lambda: 'tbb')
     assert [forked.processes(jobs) for jobs in (1, 2, 8)] == [1, 2, 3]
+    monkeypatch.setattr(multiprocessing.get_context('fork'), 'Lock', refuse(errno.EACCES),
+                        raising=False)
+    assert forked.processes(8) == 1
+    monkeypatch.undo()
     monkeypatch.setattr(numba, 'threading_layer', lambda: 'omp')
     assert forked.processes(8) == 1
