@@ -83,6 +83,9 @@ MODEL_POSITIONS = Topic('model/mesh/positions', 'arm_brachy_msgs/msg/MeshPositio
 
 NEEDLE_COMMAND = Topic('needle/command', 'arm_brachy_msgs/msg/ActuatorCommand',
                        'how deep the needle shall go, and how its base is turned', 100)
+NEEDLE_AIM = Topic('needle/aim', 'geometry_msgs/msg/PoseArray',
+                   "where the tip will be at the target's depth, and where it is to be: two "
+                   'positions, after each image of the tip')
 NEEDLE_STATE = Topic('needle/state', 'sensor_msgs/msg/JointState',
                      'depth, speed and force of the needle; how its base is turned', 100)
 NEEDLE_TIP = Topic('needle/tip', 'geometry_msgs/msg/PoseStamped',
@@ -164,9 +167,9 @@ def estimate_positions(name):
 SEALED = (COMMAND, NEEDLE_COMMAND, SAFETY)
 # Of a procedure: nobody says them where none of its nodes takes part.
 PROBE_TOPICS = (
-    NEEDLE_COMMAND, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE, PROBE_JOINTS, PROBE_POSE, PROBE_WRENCH,
-    ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP, ULTRASOUND_TARGET,
-    SURFACE, PROCEDURE,
+    NEEDLE_COMMAND, NEEDLE_AIM, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE, PROBE_JOINTS, PROBE_POSE,
+    PROBE_WRENCH, ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP,
+    ULTRASOUND_TARGET, SURFACE, PROCEDURE,
     TRUTH_NEEDLE_PATH, TRUTH_NEEDLE, TRUTH_NEEDLE_FORCE, TRUTH_PROBE, TRUTH_CONTACT)
 ESTIMATES = tuple(estimate(name) for name in ESTIMATORS)
 ESTIMATED_MESHES = tuple(topic(name) for name in ESTIMATORS
@@ -268,7 +271,7 @@ MPC_MANIPULATOR = NodeSpec(
 OPERATOR = NodeSpec(
     'operator', "plays the clinician: sets the scenario's goals, sends the pads home; conducts a "
     'procedure',
-    publishes=(TASK, NEEDLE_COMMAND, PROCEDURE, *EVERYWHERE),
+    publishes=(TASK, NEEDLE_COMMAND, NEEDLE_AIM, PROCEDURE, *EVERYWHERE),
     subscribes=(ACTUATORS, MANIPULATION, SAFETY, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE,
                 ULTRASOUND_TIP, ULTRASOUND_TARGET, SURFACE, *ESTIMATES),
     same=('actuator_driver', 'mpc_manipulator', 'needle_driver', 'probe_controller',
@@ -301,12 +304,13 @@ PROBE_CONTROLLER = NodeSpec(
               *(n.name for n in ESTIMATOR_NODES)),
     services=('~/follow', '~/retract', '~/hold', '~/release'))
 ULTRASOUND_IMAGER = NodeSpec(
-    'ultrasound_imager', "images, the template's holes over them, tip and target found in them",
+    'ultrasound_imager', "images; over them the template's holes, tip and target as found, and "
+    'where the tip will be',
     publishes=(ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP,
                ULTRASOUND_TARGET, *EVERYWHERE),
     subscribes=(TRUTH_TOPOLOGY, TRUTH_POSITIONS, TRUTH_PROBE, TRUTH_CONTACT, TRUTH_NEEDLE,
-                PROBE_POSE, NEEDLE_TIP),
-    same=('tissue_simulator', 'probe_controller', 'needle_driver'))
+                PROBE_POSE, NEEDLE_TIP, NEEDLE_AIM),
+    same=('tissue_simulator', 'probe_controller', 'needle_driver'), previous=('operator',))
 SURFACE_SCANNER = NodeSpec(
     'surface_scanner', 'scans the skin once at the start and on request',
     publishes=(SURFACE, *EVERYWHERE), subscribes=(TRUTH_TOPOLOGY, TRUTH_POSITIONS),

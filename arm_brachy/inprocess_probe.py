@@ -173,10 +173,10 @@ class ProbeSide:
             self._said = (p.phase, p.outcome)
             self._log.steps.append((t, p.figures()))
         for order in orders:
-            self._carry_out(order, loop)
+            self._carry_out(t, order, loop)
         return any(order.kind is Kind.FINISH for order in orders)
 
-    def _carry_out(self, order, loop):
+    def _carry_out(self, t, order, loop):
         refusal = ''
         if order.kind is Kind.SET_GOAL:
             refusal = loop.set_goal(order.value)
@@ -190,6 +190,8 @@ class ProbeSide:
             refusal = loop.release()
         elif order.kind is Kind.SCAN:
             self._scan_due = True
+        elif order.kind is Kind.SHOW:
+            self.imager.hear_aim(t, np.reshape(order.value, (2, 3)))
         elif order.kind in (Kind.FOLLOW, Kind.RETRACT):
             try:
                 getattr(self.arm, order.kind.name.lower())()

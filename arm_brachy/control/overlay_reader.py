@@ -1,11 +1,11 @@
 """The person who watches the image with the template's holes over it, and steers the needle.
 
 Stands for a clinician, so that scenarios with and without overlay can be compared in simulation.
-The simulated person knows where the tip will be at the target's depth, by `needle_curvature`, and
-where it should be. The picture itself does not draw these two marks yet. At each look, if they are
-farther apart than a person sees, the base of the needle is turned: the bevel then points from
-where a straight needle would end to where it should end. Without the overlay nobody turns the
-needle.
+The picture has two marks: where the tip will be at the target's depth, by `needle_curvature`, and
+where it is to be. At each look, if they are farther apart than a person sees, the base of the
+needle is turned: the bevel then points from where a straight needle would end to where it should
+end. Without the overlay nobody turns the needle.
+The simulated person takes the marks as they were computed, not from the pixels of the picture.
 """
 
 import numpy as np

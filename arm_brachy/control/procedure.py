@@ -78,6 +78,7 @@ class Procedure:
         self._seen, self._goal, self._next_shift = None, None, 0.0
         self._told, self._next_told = None, 0.0     # curvature [1/m] of the needle; s
         self._tip_seen = -np.inf    # s, of the last image in which the tip was found
+        self._shown = -np.inf       # s, of the last one that was answered by what is foretold
         self._needle, self._probe = NeedleSeen(0.0), ProbeSeen()
         self._error, self._calm_since = np.inf, None
         self._surfaces, self._scanned = 0, 0
@@ -291,7 +292,8 @@ class Procedure:
             return self._wait(*fault)
         self._waits = None
         depth = self._depth_wanted()
-        orders = self._steer() + self._shift(depth) + self._tell_curvature()
+        orders = (self._steer(depth) + self._show(depth) + self._shift(depth)
+                  + self._tell_curvature())
         # Not at once: the tip has to be there for the images to show where the target is.
         if self._lasts_calm(self._there(depth)):
             self._enter(Phase.DWELLING)
@@ -422,18 +424,31 @@ class Procedure:
         self._stopped = True
         return [Order(Kind.STAY)]
 
-    def _steer(self):
+    @property
+    def _aim(self):
+        """(3,) [m] where the tip is to be in the end."""
+        return self.plan.goal if self._target_seen is None else self._target_seen
+
+    def _steer(self, end):
         """What the person who sees the overlay does: orders to turn the needle, often none."""
         if not self.params.overlay:
             return []
-        depth, end = self._needle.depth, self._depth_wanted()
-        aim = self.plan.goal if self._target_seen is None else self._target_seen
-        roll = self._reader.look(self._t, aim - self.plan.hole, self._curvature, depth, end,
+        depth = self._needle.depth
+        roll = self._reader.look(self._t, self._aim - self.plan.hole, self._curvature, depth, end,
                                  self.plan.roll)
         if roll is None:
             return []
         self._curvature.turned(depth, roll)
         return [Order(Kind.TURN, (roll,))]
+
+    def _show(self, end):
+        """After each image of the tip, where it will be at a depth `end` [m], for the next."""
+        if self._shown == self._tip_seen:
+            return []
+        self._shown, axis = self._tip_seen, self._course.axis
+        there = self.plan.hole + self._curvature.ahead(end)
+        there = there + axis * (axis @ (self._aim - there))     # level with the target
+        return [Order(Kind.SHOW, (*there, *self._aim))]
 
     def _tell_curvature(self):
         """That of this needle, once images have shown it: the probe follows the tip as told."""

@@ -45,7 +45,7 @@ class SteeringParams:
     What is simulated: a look every so often. If the place where the tip will be at the target's
     depth is off the target by more than can be seen, the base of the needle is turned by half a
     turn or less, and the bevel steers it there. That place comes from the curvature that the
-    images of the tip show; the overlay does not draw it yet.
+    images of the tip show; the overlay marks it.
     """
 
     look: float = quantity(0.5, 's', 'from one look at the screen to the next', low=0.05,

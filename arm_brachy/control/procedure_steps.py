@@ -45,6 +45,7 @@ class Kind(Enum):
     DRIVE = 'depth [m], speed [m/s]'
     TURN = 'roll [rad]'
     BEND = 'curvature [1/m] of the needle, for what is told of its tip'
+    SHOW = 'where the tip will be (3,) [m] and where it is to be (3,) [m], for the picture'
     STAY = 'nothing: the needle holds'
     FOLLOW = 'nothing: the probe follows the tip'
     RETRACT = 'nothing: the probe goes off the skin'

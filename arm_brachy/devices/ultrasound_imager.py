@@ -3,7 +3,7 @@
 Scatterers ride on the plant's mesh (`speckle`), the image is formed in the true pose of the probe
 (`ultrasound`), with the needle where its true shaft crosses the plane (`needle_echo`). What is
 added to it is drawn and searched by what a person or a controller would know: the pose of the
-probe by its encoders, the tip as told.
+probe by its encoders, the tip as told, where it will be as the operator foretells.
 
 Loss of contact. The echo of a point at depth z is received by a part of the face z / F wide (F the
 f-number). Strips of the face without pressure neither send nor receive, so that the amplitude
@@ -33,6 +33,7 @@ from arm_brachy.devices.tip_detector import Detection, TipDetector, TipDetectorP
 from arm_brachy.devices.ultrasound import ImageFormer, UltrasoundParams
 
 _SHORTEST = 1e-6     # m of needle, below which it has no direction
+_AIM_AGE = 0.5       # s, age from which on a foretold tip is not drawn any more
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,8 @@ class Imager:
 
     params : ImagerParams;  rest, elements : of the plant's mesh, see speckle.TissueScatterers
     inclusions, target : see `echo_regions`;  rng : numpy Generator
-    template : has in_image(R, p, geometry) -> (columns, rows, 2) [pixel], or None
+    template : has in_image(R, p, geometry) -> (columns, rows, 2) [pixel] and piercing(R, p,
+        geometry, points (k, 3) [m]) -> (k, 2), or None
     geometry : what it needs to know of the image
     Test: devices/test_ultrasound_imager.py
     """
@@ -140,6 +142,11 @@ class Imager:
             self._cavity = CavityLocaliser(params.cavity)
         self._times, self._last = SampleTimes(params.image.rate), None
         self._contact, self._share = None, None
+        self._aim = -np.inf, None
+
+    def hear_aim(self, t, points):
+        """Take where the tip will be and where it is to be, (2, 3) [m], as foretold at t [s]."""
+        self._aim = t, np.asarray(points, dtype=float)
 
     @property
     def nodes(self):
@@ -159,7 +166,7 @@ class Imager:
         if not due:
             return None
         picture, seen = self._picture(x, *probe, pressure, shaft)
-        holes, complaint = self._holes(told_probe)
+        holes, aim, complaint = self._grid(t, told_probe)
         detection, place, outcome, message = self._search(picture, told_probe, told_tip)
         if seen == 0:
             outcome, message = Outcome.IMAGE_EMPTY, Outcome.IMAGE_EMPTY.advice
@@ -173,7 +180,7 @@ class Imager:
             found = self._pixels(*head)
         cavity, outline = self._locate(t, picture, told_probe, place, head)
         expected = None if place is None else self._pixels(*place)
-        drawn = overlay(picture, self.params.image.pixel, holes, expected, found, outline)
+        drawn = overlay(picture, self.params.image.pixel, holes, expected, found, outline, aim)
         return Frame(t, picture, drawn, detection, tip_W, cavity, outcome, message)
 
     def _picture(self, x, R, p, pressure, shaft):
@@ -199,13 +206,18 @@ class Imager:
             self._share = aperture_share(contact, self.params.image, self.params.f_number)**2
         return self._share
 
-    def _holes(self, told_probe):
+    def _grid(self, t, told_probe):
+        """Holes, and what is foretold of the tip, in the picture; what is wrong with them."""
         if self._template is None or told_probe is None:
-            return None, ''
+            return None, None, ''
+        told_at, points = self._aim
         try:
-            return self._template.in_image(*told_probe, self._geometry), ''
+            holes = self._template.in_image(*told_probe, self._geometry)
+            if t - told_at > _AIM_AGE:
+                return holes, None, ''
+            return holes, self._template.piercing(*told_probe, self._geometry, points), ''
         except InputError as error:
-            return None, str(error)
+            return None, None, str(error)
 
     def _search(self, picture, told_probe, told_tip):
         """Detection, the expected place (2,) [m] in the plane, Outcome and message."""

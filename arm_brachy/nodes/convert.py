@@ -321,6 +321,12 @@ def needle_shaft(t_ns, frame, points, axes):
         for p, q in zip(points, turns.tolist(), strict=True)])
 
 
+def places(t_ns, frame, points):
+    """geometry_msgs/PoseArray of points (k, 3) [m] without orientation: the identity."""
+    return PoseArray(header=header(t_ns, frame), poses=[
+        Pose(position=point(p), orientation=Quaternion(w=1.0)) for p in points])
+
+
 def positions_in(msg):
     """(k, 3) [m] of a geometry_msgs/PoseArray."""
     return np.array([xyz(pose.position) for pose in msg.poses]).reshape(-1, 3)

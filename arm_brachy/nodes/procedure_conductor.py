@@ -2,6 +2,7 @@
 
 from functools import partial
 
+import numpy as np
 from std_srvs.srv import Trigger
 
 from arm_brachy import cell as cells
@@ -28,6 +29,7 @@ class ProcedureConductor:
     out  needle/command  ActuatorCommand   names [needle]: depth; [hole_x, hole_y, hole_z, roll]:
                                            into a hole; [roll]: turned at its base; [curvature]:
                                            as the images show it
+         needle/aim      PoseArray         where the tip will be, and is to be, for the picture
          procedure/state DiagnosticArray   at every new step: plan and outcome
          cell/task       TaskState         while the pads move the target, and at the end
     calls mpc_manipulator/set_goal, /abort, actuator_driver/home, surface_scanner/scan,
@@ -48,6 +50,7 @@ class ProcedureConductor:
             **{kind: partial(calls.client(Trigger, name).call_async, Trigger.Request())
                for kind, name in TRIGGERS.items()}}
         self._needle_pub = ticker.publisher(graph.NEEDLE_COMMAND)
+        self._aim_pub = ticker.publisher(graph.NEEDLE_AIM)
         self._state_pub = ticker.publisher(graph.PROCEDURE)
         self._estimate = graph.estimate(scenario.feedback).at(
             target=scenario.procedure.target).name
@@ -104,6 +107,9 @@ class ProcedureConductor:
             self._drop_goal(t_ns, order.kind, lambda: self._next(t_ns, rest, done))
         elif order.kind in self._triggers:
             self._call(t_ns, self._triggers[order.kind], lambda: self._next(t_ns, rest, done))
+        elif order.kind is Kind.SHOW:
+            self._aim_pub(convert.places(t_ns, self._frame, np.reshape(order.value, (2, 3))))
+            self._next(t_ns, rest, done)
         else:
             self._needle_pub(self._needle_command(t_ns, order))
             self._next(t_ns, rest, done)

@@ -18,8 +18,9 @@ class UltrasoundImagerNode(Node):
 
     in   truth/mesh/topology, truth/mesh/positions, truth/probe, truth/probe_contact, truth/needle
          probe/pose, needle/tip   PoseStamped  where to draw the holes and to search for the tip
+         needle/aim               PoseArray    where to draw what is foretold of the tip
     out  ultrasound/image         Image mono8  x along the elements, y deep
-         ultrasound/overlay       Image rgb8   holes and tip drawn in
+         ultrasound/overlay       Image rgb8   holes, tip, and where it will be, drawn in
          ultrasound/camera_info   CameraInfo   pixels per metre
          ultrasound/tip           PoseStamped  where the tip was found, orientation as told
          ultrasound/target        PoseWithCovarianceStamped  where the target is, once located
@@ -51,6 +52,8 @@ class UltrasoundImagerNode(Node):
         for name, messages in inputs.items():
             if messages:
                 self._latest[name] = messages[-1]
+        for msg in inputs.get(graph.NEEDLE_AIM.name, ()):
+            self._imager.hear_aim(convert.nanoseconds(msg) * 1e-9, convert.positions_in(msg))
         frame = self._see(t_ns)
         if frame is None:
             return

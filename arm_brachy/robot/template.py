@@ -124,7 +124,14 @@ class Template:
     def in_image(self, R, p, image):
         """Return where the axes of all holes pierce the image plane, (columns, rows, 2) [pixel].
 
-        R, p : pose of the probe;  image : ImageGeometry. Holes outside the picture are given too.
+        As `piercing`. Holes outside the picture are given too.
+        """
+        return self.piercing(R, p, image, self.holes)
+
+    def piercing(self, R, p, image, points):
+        """Return where lines along the needles pierce the image plane, (..., 2) [pixel].
+
+        R, p : pose of the probe;  image : ImageGeometry;  points : (..., 3) [m] one on each line
         Raises InputError if the needles run along the image plane.
         """
         normal = R[:, 1]
@@ -132,6 +139,6 @@ class Template:
         if abs(slope) < _GRAZING:
             raise InputError('template: its needles run along the image plane; must cross it: '
                              'turn the probe across the needles')
-        along = ((p - self.holes) @ normal / slope)[..., None]
-        at = pixels(base_to_image(R, p, image), (self.holes + along * self.axis).reshape(-1, 3))
-        return at[:, :2].reshape(self.params.columns, self.params.rows, 2)
+        along = ((p - points) @ normal / slope)[..., None]
+        at = pixels(base_to_image(R, p, image), (points + along * self.axis).reshape(-1, 3))
+        return at[:, :2].reshape(*points.shape[:-1], 2)

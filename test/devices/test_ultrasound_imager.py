@@ -80,6 +80,27 @@ def test_grid_and_needle_are_where_the_needle_truly_crosses_the_plane(still, hol
         assert np.linalg.norm(np.mean(found, axis=1) + corner - true) < 2.0
 
 
+def test_the_picture_marks_where_the_tip_will_be_and_where_it_is_to_be():
+    """Both along the needle onto the plane, within a pixel; not once they are old."""
+    made, forward = imager(), TEMPLATE.axis
+    ends = np.array([[0.004, 0.02, 0.028], [-0.003, 0.02, 0.033]])     # 20 mm ahead of the plane
+    made.hear_aim(0.0, ends)
+
+    def marks(t):
+        drawn = made.see(t, NODES, PROBE, None, None, PROBE, None).overlay.astype(int)
+        magenta = (drawn[..., 0] > 200) & (drawn[..., 2] > 200) & (drawn[..., 1] < 120)
+        cyan = (drawn[..., 1] > 200) & (drawn[..., 2] > 200) & (drawn[..., 0] < 60)
+        return [np.argwhere(kind) for kind in (magenta, cyan)]
+
+    assert np.allclose(forward, [0.0, 1.0, 0.0])
+    for place, (x, _, z) in zip(marks(0.1), ends, strict=True):
+        true = np.array([(TOP - z) / IMAGE.pixel[1],
+                         -x / IMAGE.pixel[0] + 0.5 * (IMAGE.width - 1)])
+        middle = 0.5 * (place.min(axis=0) + place.max(axis=0))
+        assert len(place) > 10 and np.abs(middle - true).max() <= 1.0
+    assert not any(len(place) for place in marks(2.0))
+
+
 def test_the_tip_is_told_in_the_world_by_the_told_pose(still):
     told = (R_WP @ rotation(np.array([0.0, 0.0, 0.02])), PROBE[1] + [4e-4, 0.0, -3e-4])
     shaft, tip = needle((6, 6), 0.06)
