@@ -4,6 +4,9 @@ The order is that of a real cell: what the tissue does to the probe, what the se
 what that says about contact and limits, where the reference goes, which torques follow. What the
 motors really give the joints (torque less friction, plus what the contact puts on them) goes to
 the simulation of the arm. Base frame of the arm, SI. Arrays in `Memory` are changed in place.
+
+`run_period` takes each of these groups as one structured array (`packed`): their seventy arrays
+and numbers, handed over one by one, take about as long as the period itself.
 """
 
 from collections import namedtuple
@@ -55,6 +58,21 @@ IN_CONTACT, TRIP, QUIET, RUN, POSITIONING, PRESSING = range(6)
 INTEGRAL, GOAL, GOAL_SLOPE, MEASURED, OBSERVED, SLOPE = range(6)
 
 
+def packed(group):
+    """Return a named tuple of arrays and numbers as a structured array (1,), as compiled code
+    takes it for the tuple; its fields are copies."""
+    parts = {name: np.asarray(value) for name, value in group._asdict().items()}
+    out = np.zeros(1, dtype=[(name, part.dtype, part.shape) for name, part in parts.items()])
+    for name, part in parts.items():
+        out[name][0] = part
+    return out
+
+
+def unpacked(kind, array):
+    """Return the named tuple `kind` whose arrays are those in a structured array (1,): views."""
+    return kind(*(array[name][0] for name in kind._fields))
+
+
 def start_memory(q, R, p, torque, load):
     """Return the Memory of an arm at rest.
 
@@ -75,10 +93,17 @@ def start_memory(q, R, p, torque, load):
 def run_period(machine, rules, gains, switched, rates, limits, task, touch, memory, errors, since):
     """Advance the control by one period; return what moves the simulated joints (7,) [N m].
 
-    memory.q, memory.dq : joint states read just before
-    gains, switched : impedance.Gains, switched.SwitchedGains;  rates, limits : of `lead_limits`
+    machine, rules, task, touch, memory : `packed`;  memory q, dq : joint states read just before
+    gains, switched : impedance.Gains, switched.SwitchedGains, `packed`
+    rates, limits : of `lead_limits`
     errors : (6,) zero and noise of the sensor in this period;  since : [s] since the tick began
     """
+    return _period(machine[0], rules[0], gains[0], switched[0], rates, limits, task[0], touch[0],
+                   memory[0], errors, since)
+
+
+@numba.njit(cache=True)
+def _period(machine, rules, gains, switched, rates, limits, task, touch, memory, errors, since):
     q, dq = memory.q, memory.dq
     Rs, ps = frames(machine.dh, q)
     R, p = Rs[-1].copy(), end_effector(Rs, ps, machine.tip)

@@ -17,8 +17,10 @@ from arm_brachy.robot.arm_loop import (
     Rules,
     Task,
     Touch,
+    packed,
     run_period,
     start_memory,
+    unpacked,
 )
 from arm_brachy.robot.force_torque import BiasTracker, ForceTorqueSensor, calibrate
 from arm_brachy.robot.impedance import Gains
@@ -70,18 +72,20 @@ class PandaHolder:
         self._stiffness = np.zeros((6, 6))     # of a tissue that was never heard of
         self._simulation = ArmSimulation(self._arm, self._q_home, period=PERIOD)
         R, p = self._arm.pose(self._q_home)
-        self._memory = start_memory(self._q_home, R, p, self._arm.gravity_torque(self._q_home),
-                                    load)
-        self._fixed = (*self._set_up(), Gains(**vars(params.impedance)),
-                       SwitchedGains(**vars(params.switched)), *lead_limits(params.reference))
+        self._packed = packed(start_memory(self._q_home, R, p,
+                                           self._arm.gravity_torque(self._q_home), load))
+        self._memory = unpacked(Memory, self._packed)
+        fixed = *self._set_up(), Gains(**vars(params.impedance)), SwitchedGains(
+            **vars(params.switched))
+        self._fixed = (*map(packed, fixed), *lead_limits(params.reference))
         self._compile()
 
     def _compile(self):
         """Have the loop compiled now, by a period of a spare memory: no tick waits for that."""
         R, p = self._in_base(*self.home)
         task = Task(POSE, R, p, np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, self._params.clearance)
-        spare = Memory(*map(np.copy, self._memory))
-        run_period(*self._fixed, task, self._touch(None), spare, np.zeros(6), 0.0)
+        run_period(*self._fixed, packed(task), packed(self._touch(None)), self._packed.copy(),
+                   np.zeros(6), 0.0)
 
     def _set_up(self):
         arm, params, limits = self._arm, self._params, panda.JOINT_LIMITS
@@ -128,9 +132,10 @@ class PandaHolder:
         """See ProbeHolder."""
         memory, turn = self._memory, self._R_WB.T
         R, p = self._in_base(errand.R, errand.p)
-        task = Task(int(errand.way), R, p, turn @ errand.v, turn @ errand.w, float(errand.axial),
-                    float(errand.seek), float(errand.force), self._params.clearance)
-        touch = self._touch(reading)
+        task = packed(Task(
+            int(errand.way), R, p, turn @ errand.v, turn @ errand.w, float(errand.axial),
+            float(errand.seek), float(errand.force), self._params.clearance))
+        touch = packed(self._touch(reading))
         errors = self._sensor.errors(periods)
         memory.reading[:] = 0.0
         self._periods = periods
@@ -138,7 +143,8 @@ class PandaHolder:
         simulation, fixed = self._simulation, self._fixed
         for k in range(periods):
             simulation.read_into(memory.q, memory.dq)
-            simulation.advance(run_period(*fixed, task, touch, memory, errors[k], k * PERIOD))
+            simulation.advance(run_period(*fixed, task, touch, self._packed, errors[k],
+                                          k * PERIOD))
             forces[k] = memory.values[MEASURED]
         return forces
 
