@@ -1,23 +1,37 @@
 """Which hole, which side of the bevel, how deep, and where the pads shall put the target.
 
-The tip of a bevel needle leaves the axis of its hole along a known arc. A plan chooses hole h and
-roll r of the base so that the tip at the target's depth lies where pads can bring the target:
-    miss = h + c(r, s) - p_target,   across the needle
+The tip of a bevel needle leaves the axis of its hole along a known arc. A plan chooses hole h,
+roll r of the base and the depth u at which the base is turned by half a turn, so that the tip at
+the target's depth lies where pads can bring the target:
+    miss = h + c(r, s, u) - p_target,   across the needle
 is what is left to do. Its part on the axes that pads control becomes the target's displacement,
-the rest stays as an error. c(r, s) is the course of the tip from the hole at depth s.
+the rest stays as an error. c(r, s, u) is the course of the tip from the hole at depth s.
+
+How strongly a needle bends differs from needle to needle. Off the axis of its hole the tip is at
+depth s, for small slopes,
+    kappa (s^2 / 2 - (s - u)^2),
+so that the plan's error has that factor times the spread of kappa. It is zero, for every kappa, if
+the needle is turned at u = s (1 - 1 / sqrt(2)) = 0.29 s. (Turning a bevel needle over on its way
+is how a straight path is got in practice, Abolhassani, Patel, Ayazi 2007, Int J Med Robot 3:59.)
+A plan weighs this expected error against what it leaves, and against what pads have to do.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from arm_brachy.control.needle_curvature import SPREAD
 from arm_brachy.core.errors import ArmBrachyError
 from arm_brachy.core.outcome import Outcome
 
 ROLLS = 72          # sides of the bevel that are tried: 5 degrees apart
-EFFORT = 0.01       # weight of a displacement by the pads against an error that stays
+TURNS = 32          # depths of half a turn that are tried besides none
+EFFORT = 0.04       # of the square of what pads do, a fifth of which is uncertain (own choice):
+                    # they lift the target besides, and change how it gives under the probe
 _DEPTH_STEPS = 3    # of a fixed point that contracts with the cosine of the tip's turn
+_PATH = 41          # points of a planned path
 
 
 class NoPlan(ArmBrachyError):
@@ -34,24 +48,32 @@ class NeedlePlan:
     """How the needle goes to the target. World frame, SI.
 
     column, row, hole : of the template, and where it is (3,) [m];  roll : [rad] of the base
+    turn : [m] depth at which the base is turned by half a turn, inf = nowhere
     depth : [m] of the needle;  tip : (3,) [m] where it then is;  goal : (3,) [m] of the target
     left : [m] distance of tip and goal across the needle, which pads cannot take away
+    spread : [m] by which needles of this kind differ there, standard deviation
+    path : (k, 3) [m] of the tip on its way from the hole
     """
 
     column: int
     row: int
     hole: np.ndarray
     roll: float
+    turn: float
     depth: float
     tip: np.ndarray
     goal: np.ndarray
     left: float
+    spread: float
+    path: np.ndarray
 
     @property
     def text(self):
         """One line for a person."""
+        turn = f', over at {1e3 * self.turn:.1f} mm' if np.isfinite(self.turn) else ''
         return (f'hole {self.column}, {self.row}; depth {1e3 * self.depth:.1f} mm; roll '
-                f'{np.degrees(self.roll):.0f} deg; {1e3 * self.left:.2f} mm left')
+                f'{np.degrees(self.roll):.0f} deg{turn}; {1e3 * self.left:.2f} mm left, needles '
+                f'differ by {1e3 * self.spread:.2f} mm')
 
 
 @dataclass(frozen=True)
@@ -59,7 +81,8 @@ class NeedleCourse:
     """Where a needle goes from any hole.
 
     axis : (3,) along the needles;  side : (3,) to which roll 0 bends them;  length : [m]
-    offset : callable (roll [rad], depth [m]) -> (3,) [m] of the tip from its hole
+    offset : callable (roll [rad], depth [m], turn [m]) -> (3,) [m] of the tip from its hole, with
+        half a turn of the base at a depth `turn`; another roll turns it about the axis
     curvature : [1/m] of that course
     """
 
@@ -69,40 +92,60 @@ class NeedleCourse:
     offset: Callable
     curvature: float = 0.0
 
-    def depth_at(self, hole, roll, point):
+    def depth_at(self, hole, point, turn=np.inf):
         """Return the depth [m] at which the tip is level with a point (3,) along the axis."""
         wanted = depth = float((point - hole) @ self.axis)
         for _ in range(_DEPTH_STEPS):
-            depth += wanted - float(self.offset(roll, depth) @ self.axis)
+            depth += wanted - float(self.offset(0.0, depth, turn) @ self.axis)
         return depth
 
 
-def plan(holes, needle, target, *, axes, reach, hole=(), start=None):
+def unlike(depth, turn):
+    """Return [m^2] by which the tip is off its axis at a depth [m], per curvature; see above."""
+    return 0.5 * depth**2 - np.maximum(depth - turn, 0.0) ** 2
+
+
+def plan(holes, needle, target, *, axes, reach, hole=(), start=None, unturned=None):
     """Return the NeedlePlan to a target.
 
     holes : (columns, rows, 3) [m];  needle : NeedleCourse
     target : (3,) [m] where it is;  axes : (3,) bool, of the pads
     reach : [m] largest displacement of the target;  hole : (column, row) to use, empty = any
     start : (3,) from where pads have displaced the target, None = they have not
+    unturned : [m] last part of the way on which the needle is not turned over; None = nowhere
     Raises NoPlan: no such hole, needle too short, target out of reach.
     """
     chosen = _chosen(holes, hole)
-    rolls = np.arange(ROLLS) * 2.0 * np.pi / ROLLS
-    somewhere = holes[chosen[0]]
-    depths = [needle.depth_at(somewhere, r, target) for r in rolls]
+    turns = _turns(float((target - holes[chosen[0]]) @ needle.axis), unturned)
+    depths = np.array([needle.depth_at(holes[chosen[0]], target, u) for u in turns])
     if min(depths) <= 0.0:
         raise NoPlan(Outcome.NO_PLAN, f'target {1e3 * -min(depths):.0f} mm behind the template, '
                      'along the needle; must be before it: turn or move the template')
     if max(depths) > needle.length:
         raise NoPlan(Outcome.NO_PLAN, f'needle {1e3 * needle.length:.0f} mm long; the target '
                      f'is {1e3 * max(depths):.0f} mm deep: take a longer one or move the template')
-    ends = np.array([needle.offset(r, s) for r, s in zip(rolls, depths, strict=True)])
+    rolls = np.arange(ROLLS) * 2.0 * np.pi / ROLLS
+    about = Rotation.from_rotvec(np.multiply.outer(rolls, needle.axis))
+    ends = np.array([about.apply(needle.offset(0.0, s, u))
+                     for s, u in zip(depths, turns, strict=True)])      # (turn, roll, 3)
     places = np.array([holes[c] for c in chosen])
-    miss = places[:, None] + ends[None] - target                # (hole, roll, 3)
+    miss = places[:, None, None] + ends - target                        # (hole, turn, roll, 3)
     miss = miss - (miss @ needle.axis)[..., None] * needle.axis
     so_far = np.zeros(3) if start is None else target - start
-    return _best(chosen, rolls, depths, places, ends, miss, target, np.asarray(axes), reach,
-                 so_far)
+    spread = SPREAD * np.abs(unlike(depths, turns))
+    (h, u, r), moved, left = _best(miss, spread, np.asarray(axes), reach, so_far)
+    column, row = chosen[h]
+    way = np.linspace(0.0, depths[u], _PATH)
+    path = places[h] + about[r].apply([needle.offset(0.0, s, turns[u]) for s in way])
+    return NeedlePlan(column, row, places[h], float(rolls[r]), float(turns[u]), float(depths[u]),
+                      places[h] + ends[u, r], target + moved, left, float(spread[u]), path)
+
+
+def _turns(level, unturned):
+    """Depths [m] of half a turn that are tried; `level` [m] is the target's along the axis."""
+    if unturned is None or level <= unturned:
+        return np.array([np.inf])
+    return np.concatenate([[np.inf], np.linspace(0.0, level - unturned, TURNS + 1)[1:]])
 
 
 def _chosen(holes, hole):
@@ -115,15 +158,14 @@ def _chosen(holes, hole):
     return [tuple(hole)]
 
 
-def _best(chosen, rolls, depths, places, ends, miss, target, axes, reach, so_far):
+def _best(miss, spread, axes, reach, so_far):
+    """((hole, turn, roll) that cost least, what the pads move (3,), what is left) [m]."""
     moved = np.where(axes, miss, 0.0)
     left = np.linalg.norm(miss - moved, axis=-1)
     effort = np.linalg.norm(np.where(axes, miss + so_far, 0.0), axis=-1)
     if effort.min() > reach:
         raise NoPlan(Outcome.INFEASIBLE, f'the target would have to move {1e3 * effort.min():.1f} '
                      f'mm; allowed {1e3 * reach:g} mm: choose another hole')
-    cost = np.where(effort <= reach, left**2 + EFFORT * effort**2, np.inf)
-    h, r = np.unravel_index(int(cost.argmin()), cost.shape)
-    column, row = (int(k) for k in chosen[h])
-    return NeedlePlan(column, row, places[h], float(rolls[r]), float(depths[r]),
-                      places[h] + ends[r], target + moved[h, r], float(left[h, r]))
+    cost = left**2 + EFFORT * effort**2 + spread[:, None] ** 2
+    best = np.unravel_index(int(np.where(effort <= reach, cost, np.inf).argmin()), cost.shape)
+    return best, moved[best], float(left[best])

@@ -22,18 +22,17 @@ class OverlayReader:
     def __init__(self, params):
         """Has not looked yet."""
         self._params = params
-        self._next, self._roll = -np.inf, None
+        self._next = -np.inf
 
-    def look(self, t, aim, curvature, depth, end, planned):
+    def look(self, t, aim, curvature, depth, end, roll):
         """Return the roll [rad] that the base shall have, None = leave it.
 
         aim : (3,) [m] from the axis of the hole, where the tip is to be at a depth `end` [m]
-        curvature : NeedleCurvature;  depth : [m] now;  planned : roll [rad] at the hole
+        curvature : NeedleCurvature;  depth : [m] and roll : [rad] now
         """
         if t < self._next:
             return None
         self._next = t + self._params.look
-        roll = planned if self._roll is None else self._roll
         if np.linalg.norm(curvature.across(aim - curvature.ahead(end))) <= self._params.seen:
             return None
         one, other = (curvature.ahead(end, depth, side) for side in (0.0, np.pi))
@@ -41,5 +40,4 @@ class OverlayReader:
         best = float(np.arctan2(y, x))
         if abs((best - roll + np.pi) % (2.0 * np.pi) - np.pi) < _TURN:
             return None
-        self._roll = best
         return best

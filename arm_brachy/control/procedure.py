@@ -5,7 +5,7 @@
     MOVING       the pads bring the target to its goal, and keep it there from now on; where they
                  moved it along other axes too, the path is planned anew
     SCANNING     the skin anew: the pads have moved it
-    PLACING      needle to where the probe can see its tip
+    PLACING      needle to where the probe can see its tip, turned over on the way as planned
     APPROACHING  probe onto the skin over the tip
     MEETING      needle on to where the image plane waits, if the probe cannot reach back to it
     INSERTING    needle to its depth, which follows the target: as estimated, and as seen once the
@@ -85,6 +85,7 @@ class Procedure:
         self._depth, self._waits, self._permission, self._reason = None, None, Permission.HOLD, ''
         self._stopped = False       # the needle was told to stay, and not to go on since
         self._reader, self._curvature = OverlayReader(params.steering), None
+        self._roll = None   # rad that the base of the needle was turned to last
         self._held_since, self._ordered, self._pursued = None, False, False
         self._start = None       # where the target was when it was planned for first
         self._replans = 0        # how often the path was planned anew for where the pads led
@@ -170,9 +171,10 @@ class Procedure:
         if self.plan is not None:
             out |= {'hole': f'{self.plan.column} {self.plan.row}',
                     'hole_m': _numbers(self.plan.hole), 'roll_rad': f'{self.plan.roll:.6g}',
-                    'depth_m': f'{self.plan.depth:.6g}', 'tip_m': _numbers(self.plan.tip),
-                    'goal_m': _numbers(self.plan.goal), 'left_m': f'{self.plan.left:.6g}',
-                    'press_m': _numbers(self._press)}
+                    'turn_m': f'{self.plan.turn:.6g}', 'depth_m': f'{self.plan.depth:.6g}',
+                    'tip_m': _numbers(self.plan.tip), 'goal_m': _numbers(self.plan.goal),
+                    'left_m': f'{self.plan.left:.6g}', 'spread_m': f'{self.plan.spread:.6g}',
+                    'path_m': _numbers(self.plan.path.ravel()), 'press_m': _numbers(self._press)}
         return out
 
     # Steps. Each returns the orders it has now, None = none.
@@ -200,7 +202,8 @@ class Procedure:
             self._start = here
         return plan(self._holes, self._course, here + self._press, axes=self._axes,
                     reach=self.params.reach, hole=self.params.hole,
-                    start=self._start + self._press)
+                    start=self._start + self._press,
+                    unturned=self.params.view if self.params.turn else None)
 
     def _moving(self):
         here = self.target
@@ -240,15 +243,20 @@ class Procedure:
         return None
 
     def _placing(self):
-        depth = max(0.0, self.plan.depth - self.params.view)
+        view, turn = max(0.0, self.plan.depth - self.params.view), self.plan.turn
         if not self._ordered:
             self._ordered, course = True, self._course
             self._curvature = NeedleCurvature(self.plan.hole, course.axis, course.side,
                                               course.curvature, self.plan.roll)
-            self._told = course.curvature
+            self._told, self._roll = course.curvature, self.plan.roll
             return [Order(Kind.PLACE, (*self.plan.hole, self.plan.roll)),
-                    self._drive(depth, self.params.entry)]
-        if self._there(depth):
+                    self._drive(min(turn, view), self.params.entry)]
+        over = self._roll != self.plan.roll
+        if not over and self._depth == turn:
+            if self._lasts_calm(self._there(turn)):     # at rest: told and true depth agree
+                return [self._turn(self.plan.roll + np.pi),
+                        self._drive(view, self.params.entry)]
+        elif self._there(view):
             self._enter(Phase.APPROACHING)
         return None
 
@@ -374,7 +382,7 @@ class Procedure:
         and needle. One of them has to be fresh, see `_fault`.
         """
         here = self.target if self._target_seen is None else self._target_seen
-        depth = self._course.depth_at(self.plan.hole, self.plan.roll, here)
+        depth = self._course.depth_at(self.plan.hole, here, self.plan.turn)
         near = self.plan.depth + np.array([-1.0, 1.0]) * self.params.reach
         return float(np.clip(depth, max(0.0, near[0]), min(self._course.length, near[1])))
 
@@ -433,13 +441,14 @@ class Procedure:
         """What the person who sees the overlay does: orders to turn the needle, often none."""
         if not self.params.overlay:
             return []
-        depth = self._needle.depth
-        roll = self._reader.look(self._t, self._aim - self.plan.hole, self._curvature, depth, end,
-                                 self.plan.roll)
-        if roll is None:
-            return []
-        self._curvature.turned(depth, roll)
-        return [Order(Kind.TURN, (roll,))]
+        roll = self._reader.look(self._t, self._aim - self.plan.hole, self._curvature,
+                                 self._needle.depth, end, self._roll)
+        return [] if roll is None else [self._turn(roll)]
+
+    def _turn(self, roll):
+        self._curvature.turned(self._needle.depth, roll)
+        self._roll = roll
+        return Order(Kind.TURN, (roll,))
 
     def _show(self, end):
         """After each image of the tip, where it will be at a depth `end` [m], for the next."""

@@ -65,6 +65,7 @@ class ProcedureParams:
     hole : column and row of the template, the first of each 0; empty = chosen
     axes : of the world in which the pads move the target
     overlay : the person sees the template's holes over the image, and corrects
+    turn : the plan may turn the needle over on its way to where the probe first sees it
     foresee : the plan counts on where the probe's force will have moved the target
     recentre : the pads take the target, once the images show it, onto where the tip will be
     """
@@ -76,6 +77,8 @@ class ProcedureParams:
                                                     default=('x', 'y'))
     overlay: bool = word("the template's holes are drawn over the image, and the person who "
                          'looks corrects', default=True)
+    turn: bool = word('the needle is turned over on its way to where the probe first sees it, so '
+                      'that needles that bend unlike end alike', default=True)
     foresee: bool = word("the plan counts on where the probe's force will have moved the target, "
                          "by the controller's model", default=True)
     recentre: bool = word('the pads take the target, once the images show it, onto where the tip '

@@ -112,15 +112,19 @@ def check_depth(params, depth):
 
 
 def nominal_offset(params, axis, side):
-    """Return the function (roll [rad], depth [m]) -> (3,) [m] of the told tip from its hole.
+    """Return the function (roll [rad], depth [m], turn [m]) -> (3,) [m] of the told tip.
 
+    From its hole; half a turn of the base at a depth `turn`, which may be left out.
     params : NeedleDriverParams;  axis, side : (3,) along the holes, and to where roll 0 bends
     """
-    def offset(roll, depth):
+    def offset(roll, depth, turn=np.inf):
         path = NeedlePath(replace(params.needle, radius=_told_radius(params)), np.zeros(3), axis,
                           side)
         path.turn(roll)
-        path.advance(depth)
+        path.advance(min(depth, turn))
+        if turn < depth:
+            path.turn(np.pi)
+            path.advance(depth - turn)
         return path.p
     return offset
 

@@ -97,7 +97,7 @@ class ProcedureData:
 
 
 def vector(text):
-    """(3,) from 'x y z'."""
+    """(k,) numbers of a text 'x y z ...'."""
     return np.array([float(word) for word in text.split()])
 
 

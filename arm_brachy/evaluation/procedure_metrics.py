@@ -34,7 +34,6 @@ FOUND = 0.95         # share of frames
 FORCE_OVER = 0.3     # N
 FRAME_RATE = 20.0    # Hz, of the imager
 _TURNED = 1e-3       # rad between two samples that make a turn
-_STRAIGHT = 1e-6     # m of deflection, below which a path counts as straight
 
 
 @dataclass(frozen=True)
@@ -160,17 +159,14 @@ def _path(data, window):
 def planned_path(data, points):
     """(n, 3) [m] from the axis of the hole to the planned path, level with points (n, 3) [m].
 
-    The plan is one arc that leaves the hole along its axis and ends at the planned tip; beyond
-    that it goes on. Valid while the arc turns by less than a right angle.
+    Beyond its end it stays where it ended. NaN for a recording without the plan's path.
     """
+    if 'path_m' not in data.plan:
+        return np.full_like(points, np.nan)
     hole, axis = vector(data.plan['hole_m']), hole_axis(data)
-    end = vector(data.plan['tip_m']) - hole
-    aside = _across(end, axis)
-    far = np.linalg.norm(aside)
-    if far < _STRAIGHT:
-        return np.zeros_like(points)
-    radius, depth = (end @ end) / (2.0 * far), (points - hole) @ axis
-    return np.multiply.outer(radius - np.sqrt(radius**2 - depth**2), aside / far)
+    path = vector(data.plan['path_m']).reshape(-1, 3) - hole
+    aside, depth = _across(path, axis), (points - hole) @ axis
+    return np.column_stack([np.interp(depth, path @ axis, c) for c in aside.T])
 
 
 def hole_axis(data):

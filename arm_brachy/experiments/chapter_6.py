@@ -9,8 +9,8 @@ picture, how well can it be found there, how far is it off the path, how hard do
 The person who steers by the overlay is control.overlay_reader; without the overlay nobody steers.
 The thesis has no manual baseline, and there is none here.
 
-Each scenario is run with the same few needles. They go through different holes, so that their
-bevels steer to different sides, and bend more or less than the plan takes them to: radii are drawn
+Each scenario is run with the same few needles. They go through different holes, to different sides
+of the target, and bend more or less than the plan takes them to: radii are drawn
 about the geometric mean of the 200 to 650 mm that are published, nineteen in twenty within these.
 A run without overlay is one with it until somebody turns the needle; where nobody has, the run
 with overlay counts for both. The linkage has the first needle alone.
@@ -38,7 +38,7 @@ WITH_OVERLAY = {'II': 'I', 'IV': 'III'}     # the scenario that differs in the o
 PUBLISHED = '0.86 +- 0.35'
 RADIUS = 0.360       # m that the plan takes the needle's arc to have
 SPREAD = 0.3         # of its logarithm, from needle to needle
-HOLES = ((6, 6), (8, 6), (6, 7))            # of needle 1, 2 and so on: pads move 2 to 7 mm
+HOLES = ((7, 5), (5, 5), (8, 5))            # of needle 1, 2 and so on: pads move 4 to 7 mm
 
 
 @dataclass(frozen=True)
