@@ -112,7 +112,7 @@ def assess(run, goals=None):
         index, shape = deformation.largest_deformation(run.tissue)
     first, last = run.span()
     probe = None if run.procedure is None else assess_procedure(
-        run.procedure, run.truth.get(run.procedure.target))
+        run.procedure, run.truth.get(run.procedure.target), run.tissue)
     return RunMetrics(tasks, moves, streams, shape, index,
                       metrics.real_time_factor(last - first, run.wall_time), goals,
                       (*_done('tasks done', len(tasks), run.tasks_planned),

@@ -9,7 +9,9 @@ All distances are of the true tip, all over the step INSERTING unless they say o
     turns            how often the needle was turned at its base
     insertion length way of the needle by its told depth, first to deepest
     miss             distance of tip and target, mean over DWELLING; across and along the needle
-    off plan         distance of the tip, at the end, from the planned arc where that is as deep
+    seed miss        distance of a seed, left at the tip at the end of DWELLING, from the target,
+                     once needle, probe and pads are gone: both in the body at rest
+    off plan         distance of the tip, at the end, from the planned path where that is as deep
     force            see procedure_force; goals are judged by the true one, by the measured one
                      where a recording has no truth
 Effort of the arm: mean over time of the joint torques' norm, and the path that joints went.
@@ -18,7 +20,9 @@ Effort of the arm: mean over time of the joint torques' norm, and the path that 
 from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
+from arm_brachy.evaluation.material_point import at_rest
 from arm_brachy.evaluation.procedure_data import sampled, vector
 from arm_brachy.evaluation.procedure_force import force_figures
 from arm_brachy.evaluation.result import Target
@@ -61,6 +65,7 @@ class ProcedureMetrics:
     miss_across: float
     miss_along: float
     miss_pads: float
+    seed_miss: float
     target_located_rms: float
     force_rms: float
     force_steady: float
@@ -84,10 +89,11 @@ def out_of_plane(tip, probe):
     return Series(tip.t, np.einsum('ni,ni->n', pose[:, 1:9:3], tip.values - pose[:, 9:]))
 
 
-def assess_procedure(data, target):
+def assess_procedure(data, target, tissue=None):
     """Return ProcedureMetrics.
 
     data : ProcedureData;  target : Series (n, 3) of the true target, or None
+    tissue : timeseries.Tissue, for the place of a seed; None = not known
     """
     values = {f.name: np.nan for f in fields(ProcedureMetrics)}
     values['outcome'] = data.outcome
@@ -101,7 +107,7 @@ def assess_procedure(data, target):
         values |= _plane(data, inserting) | _image(data, inserting) | _path(data, inserting)
         values |= _effort(data, inserting)
     if dwelling is not None and target is not None:
-        values |= _miss(data, target, dwelling)
+        values |= _miss(data, target, dwelling) | _seed(data, target, dwelling, tissue)
     if inserting is not None and target is not None:
         values |= _located(data, target, (inserting if dwelling is None else
                                           (inserting[0], dwelling[1])))
@@ -159,14 +165,13 @@ def _path(data, window):
 def planned_path(data, points):
     """(n, 3) [m] from the axis of the hole to the planned path, level with points (n, 3) [m].
 
-    Beyond its end it stays where it ended. NaN for a recording without the plan's path.
+    Beyond its end it goes on as it bent. NaN for a recording without the plan's path.
     """
     if 'path_m' not in data.plan:
         return np.full_like(points, np.nan)
     hole, axis = vector(data.plan['hole_m']), hole_axis(data)
     path = vector(data.plan['path_m']).reshape(-1, 3) - hole
-    aside, depth = _across(path, axis), (points - hole) @ axis
-    return np.column_stack([np.interp(depth, path @ axis, c) for c in aside.T])
+    return CubicSpline(path @ axis, _across(path, axis))((points - hole) @ axis)
 
 
 def hole_axis(data):
@@ -177,6 +182,19 @@ def hole_axis(data):
 
 def _across(vectors, axis):
     return vectors - np.multiply.outer(vectors @ axis, axis)
+
+
+def _seed(data, target, window, tissue):
+    """How far from the target a seed comes to rest that is left at the tip at the end."""
+    if data.tip is None or tissue is None:
+        return {}
+    shown = np.flatnonzero((tissue.t >= window[0]) & (tissue.t <= window[1]))
+    if not len(shown):
+        return {}
+    last = shown[-1]
+    both = np.vstack([_interpolated(s, tissue.t[[last]]) for s in (data.tip, target)])
+    seed, rest = at_rest(both, tissue.positions[last], tissue.rest, tissue.tets)
+    return {'seed_miss': float(np.linalg.norm(seed - rest))}
 
 
 def _miss(data, target, window):
@@ -268,6 +286,7 @@ def procedure_row(numbers):
         'off_axis_end_mm': n.off_axis_end * MM, 'off_plan_end_mm': n.off_plan_end * MM,
         'tip_to_target_mm': n.miss * MM, 'tip_to_target_across_mm': n.miss_across * MM,
         'tip_to_target_along_mm': n.miss_along * MM, 'target_to_goal_mm': n.miss_pads * MM,
+        'seed_to_target_mm': n.seed_miss * MM,
         'target_located_rms_mm': n.target_located_rms * MM,
         'force_rms_N': n.force_rms, 'force_steady_N': n.force_steady,
         'force_peak_error_N': n.force_peak, 'force_overshoot_N': n.force_overshoot,

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from arm_brachy.evaluation.material_point import at_rest
 from arm_brachy.evaluation.procedure_data import ProcedureData
 from arm_brachy.evaluation.procedure_metrics import (
     assess_procedure,
@@ -12,10 +13,11 @@ from arm_brachy.evaluation.procedure_metrics import (
     procedure_row,
     procedure_targets,
 )
-from arm_brachy.evaluation.timeseries import Series
+from arm_brachy.evaluation.timeseries import Series, Tissue
 
 T = np.arange(0.0, 20.0, 0.05)
-PLAN = {'hole_m': '0 0 0', 'tip_m': '0 0.02 0', 'goal_m': '0 0.02 0.001'}
+PLAN = {'hole_m': '0 0 0', 'tip_m': '0 0.02 0', 'goal_m': '0 0.02 0.001',
+        'path_m': '0 0 0 0 0.01 0 0 0.02 0'}
 STEPS = ((0.0, {'phase': 'settling', 'outcome': 'OK'}),
          (2.0, {'phase': 'approaching', 'outcome': 'OK', **PLAN}),
          (5.0, {'phase': 'inserting', 'outcome': 'OK', **PLAN}),
@@ -69,7 +71,7 @@ def test_turns_are_counted_while_the_needle_goes_in():
 
 
 def test_what_was_planned_anew_before_the_insertion_is_the_plan():
-    first = {**PLAN, 'tip_m': '0.003 0.02 0', 'goal_m': '0.003 0.02 0.001'}
+    first = {**PLAN, 'goal_m': '0.003 0.02 0.001', 'path_m': '0 0 0 0.001 0.01 0 0.003 0.02 0'}
     steps = tuple((t, said | (first if said['phase'] == 'approaching' else {}))
                   for t, said in STEPS)
     numbers = assess_procedure(replace(run(), steps=steps), still(0, 0.02, 0.001))
@@ -122,15 +124,35 @@ def test_goals_of_force_are_judged_by_what_truly_presses_but_for_the_mean_at_res
 
 def test_a_tip_is_off_its_plan_by_what_lies_between_them_at_the_same_depth():
     """Arc of 400 mm planned to 80 mm; the needle stops short or goes on, on it or beside it."""
-    arc = 0.4 * np.array([1.0 - np.cos(0.2), np.sin(0.2), 0.0])
-    plan = {'hole_m': '0 0 0', 'goal_m': '0 0 0', 'tip_m': ' '.join(f'{v:.12g}' for v in arc)}
+    turn = np.linspace(0.0, 0.2, 41)
+    arc = 0.4 * np.column_stack([1.0 - np.cos(turn), np.sin(turn), 0.0 * turn])
+    plan = {'hole_m': '0 0 0', 'goal_m': '0 0 0',
+            'path_m': ' '.join(f'{v:.12g}' for v in arc.ravel())}
     steps = tuple((t, said | (plan if 'hole_m' in said else {})) for t, said in STEPS)
     for end, aside in ((0.06, 0.0), (0.09, 0.0), (0.06, 0.7e-3)):
         s = end * np.clip(T - 5.0, 0.0, 5.0) / 5.0
         tip = np.column_stack([0.4 * (1.0 - np.cos(s / 0.4)), 0.4 * np.sin(s / 0.4),
                                aside + 0 * s])
         numbers = assess_procedure(replace(run(), steps=steps, tip=Series(T, tip)), None)
-        assert numbers.off_plan_end == pytest.approx(aside, abs=1e-9)
+        assert numbers.off_plan_end == pytest.approx(aside, abs=1e-7)
+    old = tuple((t, {k: v for k, v in said.items() if k != 'path_m'}) for t, said in STEPS)
+    assert np.isnan(assess_procedure(replace(run(), steps=old), None).off_plan_end)
+
+
+def test_a_seed_is_where_the_tissue_at_the_tip_comes_to_rest():
+    """Compressed along the needle to four fifths, and aside: 1 mm of it is 1.25 mm at rest."""
+    rest = np.array([[x, y, z] for x in (-0.04, 0.04) for y in (-0.04, 0.04)
+                     for z in (-0.04, 0.04)])
+    tets = np.array([[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7],
+                     [0, 5, 1, 7]])
+    now = rest * [1.0, 0.8, 1.0] + [0.003, 0.0, 0.0]
+    tissue = Tissue(np.array([2.0, 12.0]), np.stack([rest, now]), rest, tets)
+    numbers = assess_procedure(run(), still(0.0, 0.021, 0.0), tissue)
+    assert numbers.miss == pytest.approx(1e-3) and numbers.seed_miss == pytest.approx(1.25e-3)
+    before = replace(tissue, t=np.array([2.0, 9.0]))        # never shown during the dwell
+    assert np.isnan(assess_procedure(run(), still(0.0, 0.021, 0.0), before).seed_miss)
+    out = at_rest(np.array([[0.003, 0.0, 0.0], [0.5, 0.0, 0.0]]), now, rest, tets)
+    assert out[0] == pytest.approx(np.zeros(3), abs=1e-12) and np.isnan(out[1]).all()
 
 
 def test_a_target_located_in_the_images_is_compared_while_the_needle_goes_in_and_rests():
@@ -153,4 +175,4 @@ def test_goals_are_met_or_missed_or_cannot_be_judged():
 def test_the_row_has_every_number_with_its_unit():
     row = procedure_row(assess_procedure(run(), still(0, 0.02, 0.001)))
     assert row['tip_in_plane_percent'] == 100.0
-    assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 28
+    assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 29
