@@ -53,6 +53,7 @@ _ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: dept
 _BENT = 0.1         # of the curvature that was told, a change that is told again
 _MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
 _OUT = 1.5e-3       # m of told depth below which the needle is out
+_SLOWING = 6        # steps in which the needle comes to its speed before the target
 
 
 class Procedure:
@@ -90,7 +91,7 @@ class Procedure:
         self._start = None       # where the target was when it was planned for first
         self._replans = 0        # how often the path was planned anew for where the pads led
         self._speed_back = None  # m/s that was ordered for the way out
-        self._near = False       # the needle is on the last of its way, which it goes slowly
+        self._speed = None       # m/s that was ordered last of the insertion
 
     # What is heard. Times in s, positions (3,) in m.
 
@@ -306,12 +307,21 @@ class Procedure:
         if self._lasts_calm(self._there(depth)):
             self._enter(Phase.DWELLING)
             return [*orders, Order(Kind.STAY)]
-        near = depth - self._needle.depth < self.params.near
-        if self._stopped or abs(depth - self._depth) > _STEP or (near and not self._near):
-            self._near = near
-            orders.append(self._drive(depth, self.params.near_speed if near
-                                      else self.params.speed))
+        speed = self._speed_at(depth - self._needle.depth)
+        if self._stopped or abs(depth - self._depth) > _STEP or speed != self._speed:
+            self._speed = speed
+            orders.append(self._drive(depth, speed))
         return orders
+
+    def _speed_at(self, left):
+        """Speed [m/s] of the insertion that has `left` [m] to go: it slows down step by step.
+
+        A probe that follows the tip goes on for a while when the needle slows down at once.
+        """
+        p = self.params
+        share = np.clip((left - p.near) / p.near, 0.0, 1.0) if p.near > 0.0 else 1.0
+        share = float(np.ceil(_SLOWING * share)) / _SLOWING
+        return p.near_speed + share * (p.speed - p.near_speed)
 
     def _dwelling(self):
         if self._elapsed >= self.params.dwell:

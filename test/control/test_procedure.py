@@ -220,6 +220,8 @@ def test_the_needle_goes_the_last_of_its_way_slowly():
     far = [v for left, v in speeds if left > 5e-3]
     last = [v for left, v in speeds if left < 3.5e-3]
     assert np.isclose(max(far), 5e-3) and np.isclose(max(last), 2e-3)
+    slower = -np.diff([v for left, v in speeds if left > 1e-3])
+    assert max(slower) < 0.51e-3        # six steps from 5 to 2 mm/s, in different ticks
 
 
 def test_at_the_dwell_the_tip_is_at_the_target():
