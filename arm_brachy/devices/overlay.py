@@ -11,7 +11,7 @@ import numpy as np
 _GREEN, _RED, _YELLOW, _WHITE = (0, 200, 0), (255, 60, 60), (255, 220, 0), (200, 200, 200)
 _BLUE, _MAGENTA, _CYAN = (90, 170, 255), (255, 80, 255), (0, 230, 230)
 _HOLE, _TIP, _CROSS, _DOT = 3, 12, 6, 1     # pixels: radii of the circles, half a cross
-_AIM = 8            # pixels: half a mark of where the tip will be, and is to be
+_AIM, _BOLD = 11, 2  # pixels: half a mark of where the tip will be, and is to be; its line
 _TICK, _DEPTH = 8, 5e-3             # pixels long;  m between them
 _SHIFT = 4                          # binary digits of a pixel's fraction that cv2 draws with
 _FAR = 1e4                          # pixels off the image, beyond which nothing is drawn
@@ -43,14 +43,15 @@ def overlay(picture, pixel, holes, expected, found, outline=None, aim=None):
     if found is not None:
         _circle(out, found, _TIP, _RED, 1)
     if aim is not None:
-        _mark(out, aim[1], cv2.MARKER_SQUARE, _AIM, _CYAN)
-        _mark(out, aim[0], cv2.MARKER_DIAMOND, _AIM, _MAGENTA)
+        _mark(out, aim[1], cv2.MARKER_SQUARE, _AIM, _CYAN, _BOLD)
+        _mark(out, aim[0], cv2.MARKER_DIAMOND, _AIM, _MAGENTA, _BOLD)
     return out
 
 
-def _mark(image, place, kind, half, colour):
+def _mark(image, place, kind, half, colour, thickness=1):
     if np.abs(place).max() < _FAR:
-        cv2.drawMarker(image, tuple(int(round(c)) for c in place), colour, kind, 2 * half)
+        cv2.drawMarker(image, tuple(int(round(c)) for c in place), colour, kind, 2 * half,
+                       thickness)
 
 
 def _circle(image, centre, radius, colour, thickness):

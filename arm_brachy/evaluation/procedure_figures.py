@@ -136,7 +136,8 @@ def ultrasound(data):
             axes.set_title(f't = {frame.t:.1f} s', fontweight='normal')
     return Plate('ultrasound', figure, (
         'Ultrasound as the person saw it, transducer above. Marks: where the axes of the holes of '
-        'the template pierce the image plane, and the tip where it was found.'))
+        'the template pierce the image plane (green), the tip as told (cross) and as found '
+        "(circle), where it will be at the target's depth (diamond) and is to be (square)."))
 
 
 def chosen(data):
