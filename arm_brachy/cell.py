@@ -459,7 +459,8 @@ def build_procedure(cell):
     side = template.R[:, 0]
     curvature = 1.0 / params.needle.radius if params.told == 'arc' else 0.0
     needle = NeedleCourse(template.axis, side, params.needle.length,
-                          nominal_offset(params, template.axis, side), curvature)
+                          nominal_offset(params, template.axis, side), curvature,
+                         params.needle.skin)
     return Procedure(cell.scenario.procedure, template.holes, needle, cell.scenario.settle,
                      foretold_press(cell, template.axis))
 

@@ -3,11 +3,12 @@
 A bevel tip bends by kappa to the side that the bevel has, so that across the axis of its hole, for
 small slopes,
 
-    p(s) = kappa D(s) + c,    D(s) = integral over u from 0 to s of (s - u) b(u) du
+    p(s) = kappa D(s) + c,    D(s) = integral over u from e to s of (s - u) b(u) du
 
-b (2,) is the side of the bevel at depth u, which the turns of the base tell, and c what the tissue
-has bent the shaft off its path meanwhile. kappa and c are the mean of a normal distribution given
-all images (linear least squares with a prior).
+e is the depth of the skin, up to which it goes straight. b (2,) is the side of the bevel at depth
+u, which the turns of the base tell, and c what the tissue has bent the shaft off its path
+meanwhile. kappa and c are the mean of a normal distribution given all
+images (linear least squares with a prior).
 Valid for slopes up to 0.3 rad, where s^2 / 2 R is 0.8 % more than an arc's deflection.
 """
 
@@ -23,13 +24,14 @@ class NeedleCurvature:
 
     hole, axis, side : (3,) [m] and unit: where the needle leaves the template, along it, and to
         which roll 0 bends it;  kappa : [1/m] nominal;  roll : [rad] at the hole
+    skin : [m] depth of the skin
     Test: control/test_needle_curvature.py
     """
 
-    def __init__(self, hole, axis, side, kappa, roll):
+    def __init__(self, hole, axis, side, kappa, roll, skin=0.0):
         self._hole, self._axis = np.asarray(hole, dtype=float), np.asarray(axis, dtype=float)
         self._across = np.array([side, np.cross(axis, side)])
-        self._turns = [(0.0, roll)]
+        self._turns = [(skin, roll)]
         self._mean = np.array([kappa, 0.0, 0.0])
         self._covariance = np.diag([SPREAD, ASIDE, ASIDE]) ** 2
 
@@ -40,7 +42,7 @@ class NeedleCurvature:
 
     def turned(self, depth, roll):
         """The base was turned to `roll` [rad] at a depth [m]."""
-        self._turns.append((depth, roll))
+        self._turns.append((max(depth, self._turns[0][0]), roll))
 
     def seen(self, depth, tip):
         """The tip is at (3,) [m] in an image while the needle is at a depth [m]."""

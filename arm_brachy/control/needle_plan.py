@@ -9,9 +9,10 @@ the rest stays as an error. c(r, s, u) is the course of the tip from the hole at
 
 How strongly a needle bends differs from needle to needle. Off the axis of its hole the tip is at
 depth s, for small slopes,
-    kappa (s^2 / 2 - (s - u)^2),
-so that the plan's error has that factor times the spread of kappa. It is zero, for every kappa, if
-the needle is turned at u = s (1 - 1 / sqrt(2)) = 0.29 s. (Turning a bevel needle over on its way
+    kappa ((s - e)^2 / 2 - (s - u)^2),
+so that the plan's error has that factor times the spread of kappa; e is the depth of the skin, up
+to which it goes straight. It is zero, for every kappa, if the needle is turned at u = e + (s - e)
+(1 - 1 / sqrt(2)), that is 0.29 of its way in the tissue. (Turning a bevel needle over on its way
 is how a straight path is got in practice, Abolhassani, Patel, Ayazi 2007, Int J Med Robot 3:59.)
 A plan weighs this expected error against what it leaves, and against what pads have to do.
 """
@@ -51,7 +52,7 @@ class NeedlePlan:
     turn : [m] depth at which the base is turned by half a turn, inf = nowhere
     depth : [m] of the needle;  tip : (3,) [m] where it then is;  goal : (3,) [m] of the target
     left : [m] distance of tip and goal across the needle, which pads cannot take away
-    spread : [m] by which needles of this kind differ there, standard deviation
+    spread : [m] by which published needles differ there, standard deviation
     path : (k, 3) [m] of the tip on its way from the hole
     """
 
@@ -67,14 +68,6 @@ class NeedlePlan:
     spread: float
     path: np.ndarray
 
-    @property
-    def text(self):
-        """One line for a person."""
-        turn = f', over at {1e3 * self.turn:.1f} mm' if np.isfinite(self.turn) else ''
-        return (f'hole {self.column}, {self.row}; depth {1e3 * self.depth:.1f} mm; roll '
-                f'{np.degrees(self.roll):.0f} deg{turn}; {1e3 * self.left:.2f} mm left, needles '
-                f'differ by {1e3 * self.spread:.2f} mm')
-
 
 @dataclass(frozen=True)
 class NeedleCourse:
@@ -83,7 +76,7 @@ class NeedleCourse:
     axis : (3,) along the needles;  side : (3,) to which roll 0 bends them;  length : [m]
     offset : callable (roll [rad], depth [m], turn [m]) -> (3,) [m] of the tip from its hole, with
         half a turn of the base at a depth `turn`; another roll turns it about the axis
-    curvature : [1/m] of that course
+    curvature : [1/m] of that course;  skin : [m] up to which it is straight
     """
 
     axis: np.ndarray
@@ -91,6 +84,7 @@ class NeedleCourse:
     length: float
     offset: Callable
     curvature: float = 0.0
+    skin: float = 0.0
 
     def depth_at(self, hole, point, turn=np.inf):
         """Return the depth [m] at which the tip is level with a point (3,) along the axis."""
@@ -100,9 +94,10 @@ class NeedleCourse:
         return depth
 
 
-def unlike(depth, turn):
+def unlike(depth, turn, skin=0.0):
     """Return [m^2] by which the tip is off its axis at a depth [m], per curvature; see above."""
-    return 0.5 * depth**2 - np.maximum(depth - turn, 0.0) ** 2
+    return (0.5 * np.maximum(depth - skin, 0.0) ** 2
+            - np.maximum(depth - np.maximum(turn, skin), 0.0) ** 2)
 
 
 def plan(holes, needle, target, *, axes, reach, hole=(), start=None, unturned=None):
@@ -116,7 +111,7 @@ def plan(holes, needle, target, *, axes, reach, hole=(), start=None, unturned=No
     Raises NoPlan: no such hole, needle too short, target out of reach.
     """
     chosen = _chosen(holes, hole)
-    turns = _turns(float((target - holes[chosen[0]]) @ needle.axis), unturned)
+    turns = _turns(float((target - holes[chosen[0]]) @ needle.axis), needle.skin, unturned)
     depths = np.array([needle.depth_at(holes[chosen[0]], target, u) for u in turns])
     if min(depths) <= 0.0:
         raise NoPlan(Outcome.NO_PLAN, f'target {1e3 * -min(depths):.0f} mm behind the template, '
@@ -132,20 +127,22 @@ def plan(holes, needle, target, *, axes, reach, hole=(), start=None, unturned=No
     miss = places[:, None, None] + ends - target                        # (hole, turn, roll, 3)
     miss = miss - (miss @ needle.axis)[..., None] * needle.axis
     so_far = np.zeros(3) if start is None else target - start
-    spread = SPREAD * np.abs(unlike(depths, turns))
-    (h, u, r), moved, left = _best(miss, spread, np.asarray(axes), reach, so_far)
+    spread = SPREAD * np.abs(unlike(depths, turns, needle.skin))
+    (h, u, r), moved, left = _best(miss, spread, np.asarray(axes), needle.axis, reach, so_far)
+    goal = target + moved
+    depth = needle.depth_at(places[h], goal, turns[u])      # pads may move it along the needle
     column, row = chosen[h]
-    way = np.linspace(0.0, depths[u], _PATH)
+    way = np.linspace(0.0, depth, _PATH)
     path = places[h] + about[r].apply([needle.offset(0.0, s, turns[u]) for s in way])
-    return NeedlePlan(column, row, places[h], float(rolls[r]), float(turns[u]), float(depths[u]),
-                      places[h] + ends[u, r], target + moved, left, float(spread[u]), path)
+    return NeedlePlan(column, row, places[h], float(rolls[r]), float(turns[u]), float(depth),
+                      path[-1], goal, left, float(spread[u]), path)
 
 
-def _turns(level, unturned):
+def _turns(level, skin, unturned):
     """Depths [m] of half a turn that are tried; `level` [m] is the target's along the axis."""
-    if unturned is None or level <= unturned:
+    if unturned is None or level - unturned <= skin:
         return np.array([np.inf])
-    return np.concatenate([[np.inf], np.linspace(0.0, level - unturned, TURNS + 1)[1:]])
+    return np.concatenate([[np.inf], np.linspace(skin, level - unturned, TURNS + 1)[1:]])
 
 
 def _chosen(holes, hole):
@@ -158,11 +155,21 @@ def _chosen(holes, hole):
     return [tuple(hole)]
 
 
-def _best(miss, spread, axes, reach, so_far):
+def _by_pads(axes, axis):
+    """(3, 3) from what is missed across the needle to the least that pads do against it.
+
+    axes : (3,) bool, along which they move the target;  axis : (3,) of the needle
+    """
+    along_axes = np.diag(np.asarray(axes, dtype=float))
+    return along_axes @ np.linalg.pinv((np.eye(3) - np.outer(axis, axis)) @ along_axes)
+
+
+def _best(miss, spread, axes, axis, reach, so_far):
     """((hole, turn, roll) that cost least, what the pads move (3,), what is left) [m]."""
-    moved = np.where(axes, miss, 0.0)
-    left = np.linalg.norm(miss - moved, axis=-1)
-    effort = np.linalg.norm(np.where(axes, miss + so_far, 0.0), axis=-1)
+    moved = miss @ _by_pads(axes, axis).T
+    across = moved - (moved @ axis)[..., None] * axis
+    left = np.linalg.norm(miss - across, axis=-1)
+    effort = np.linalg.norm(moved + np.where(axes, so_far, 0.0), axis=-1)
     if effort.min() > reach:
         raise NoPlan(Outcome.INFEASIBLE, f'the target would have to move {1e3 * effort.min():.1f} '
                      f'mm; allowed {1e3 * reach:g} mm: choose another hole')

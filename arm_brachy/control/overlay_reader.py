@@ -11,6 +11,7 @@ The simulated person takes the marks as they were computed, not from the pixels 
 import numpy as np
 
 _TURN = 0.1        # rad, below which a turn is not worth while
+_LITTLE = 0.1e-3   # m that the rest of the way bends a needle by, below which no turn helps
 
 
 class OverlayReader:
@@ -35,9 +36,9 @@ class OverlayReader:
         self._next = t + self._params.look
         if np.linalg.norm(curvature.across(aim - curvature.ahead(end))) <= self._params.seen:
             return None
+        if 0.5 * curvature.kappa * max(end - depth, 0.0) ** 2 < _LITTLE:
+            return None
         one, other = (curvature.ahead(end, depth, side) for side in (0.0, np.pi))
         x, y = curvature.across(aim - 0.5 * (one + other))
-        best = float(np.arctan2(y, x))
-        if abs((best - roll + np.pi) % (2.0 * np.pi) - np.pi) < _TURN:
-            return None
-        return best
+        turn = (float(np.arctan2(y, x)) - roll + np.pi) % (2.0 * np.pi) - np.pi
+        return None if abs(turn) < _TURN else roll + turn

@@ -11,7 +11,7 @@
     INSERTING    needle to its depth, which follows the target: as estimated, and as seen once the
                  images show it; it waits while the probe has lost skin or tip, the images do not
                  show the tip, or nothing says where the target is; the person who sees the
-                 overlay turns it back onto its path; the pads may take the target onto where
+                 overlay turns it towards the target; the pads may take the target onto where
                  the tip will be, as the images show both (Mallapragada, Sarkar, Podder 2009,
                  IEEE Trans Robot 25:316)
     DWELLING     at the target
@@ -50,6 +50,8 @@ _STEP = 0.2e-3      # m by which a wanted depth has to change before it is order
 _REPLANS = 3        # of the path, while the pads bring the target
 _SHIFT = 0.3e-3     # m by which a wanted goal has to: three errors of what the images show
 _ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: depth sensor's error
+_ASTRAY = 2e-3      # m, the same of a needle that stands: what a depth sensor may be off by
+_STANDS = 0.25e-3   # m by which the told depth of a needle that stands may change: noise
 _BENT = 0.1         # of the curvature that was told, a change that is told again
 _MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
 _OUT = 1.5e-3       # m of told depth below which the needle is out
@@ -81,6 +83,7 @@ class Procedure:
         self._tip_seen = -np.inf    # s, of the last image in which the tip was found
         self._shown = -np.inf       # s, of the last one that was answered by what is foretold
         self._needle, self._probe = NeedleSeen(0.0), ProbeSeen()
+        self._stood = 0.0, 0.0      # told depth [m] that has not changed since [s]
         self._error, self._calm_since = np.inf, None
         self._surfaces, self._scanned = 0, 0
         self._depth, self._waits, self._permission, self._reason = None, None, Permission.HOLD, ''
@@ -103,6 +106,8 @@ class Procedure:
     def hear_needle(self, seen):
         """Take a NeedleSeen."""
         self._needle = seen
+        if abs(seen.depth - self._stood[0]) > _STANDS:
+            self._stood = seen.depth, self._t
 
     def hear_probe(self, seen):
         """Take a ProbeSeen."""
@@ -248,13 +253,13 @@ class Procedure:
         if not self._ordered:
             self._ordered, course = True, self._course
             self._curvature = NeedleCurvature(self.plan.hole, course.axis, course.side,
-                                              course.curvature, self.plan.roll)
+                                              course.curvature, self.plan.roll, course.skin)
             self._told, self._roll = course.curvature, self.plan.roll
             return [Order(Kind.PLACE, (*self.plan.hole, self.plan.roll)),
                     self._drive(min(turn, view), self.params.entry)]
         over = self._roll != self.plan.roll
         if not over and self._depth == turn:
-            if self._lasts_calm(self._there(turn)):     # at rest: told and true depth agree
+            if self._lasts_calm(self._there(turn)):     # at rest: what is told is not late
                 return [self._turn(self.plan.roll + np.pi),
                         self._drive(view, self.params.entry)]
         elif self._there(view):
@@ -320,8 +325,8 @@ class Procedure:
         """
         p = self.params
         share = np.clip((left - p.near) / p.near, 0.0, 1.0) if p.near > 0.0 else 1.0
-        share = float(np.ceil(_SLOWING * share)) / _SLOWING
-        return p.near_speed + share * (p.speed - p.near_speed)
+        share, slow = float(np.ceil(_SLOWING * share)) / _SLOWING, min(p.near_speed, p.speed)
+        return slow + share * (p.speed - slow)
 
     def _dwelling(self):
         if self._elapsed >= self.params.dwell:
@@ -372,10 +377,14 @@ class Procedure:
 
     def _drive(self, depth, speed):
         self._depth, self._stopped = depth, False
+        self._stood = self._needle.depth, self._t
         return Order(Kind.DRIVE, (depth, speed))
 
     def _there(self, depth):
-        return abs(self._needle.depth - depth) < _ARRIVED
+        """True at a depth [m]; where drive and sensor differ, near it if the needle stands."""
+        off = abs(self._needle.depth - depth)
+        stands = self._t - self._stood[1] >= max(self.params.calm, _FRESH)
+        return off < (_ASTRAY if stands else _ARRIVED)
 
     def _lasts_calm(self, good):
         """True once something has been good for as long as `params.calm` says."""
@@ -415,7 +424,9 @@ class Procedure:
         axis, there = self._course.axis, self.plan.hole + self._curvature.ahead(depth)
         change = self._target[-1][1] + there - target - self._goal
         change = np.where(self._axes, change - axis * (axis @ change), 0.0)
-        if self._t < self._next_shift or not _SHIFT < np.linalg.norm(change) <= self.params.reach:
+        far = np.linalg.norm(np.where(self._axes, self._goal + change - self._start, 0.0))
+        if (self._t < self._next_shift or np.linalg.norm(change) <= _SHIFT
+                or far > self.params.reach):
             return []
         self._goal, self._next_shift = self._goal + change, self._t + self.params.calm
         return [Order(Kind.SHIFT, tuple(self._goal))]

@@ -62,11 +62,9 @@ class Order:
 
 @dataclass(frozen=True)
 class NeedleSeen:
-    """What is told of the needle: depth [m], tip (3,) [m] or None, R (3, 3) of it or None."""
+    """What is told of the needle: depth [m]."""
 
     depth: float
-    tip: np.ndarray | None = None
-    R: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

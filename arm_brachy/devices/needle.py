@@ -3,6 +3,7 @@
 The tip follows an arc whose side the bevel chooses, since cutting pushes it away from the bevel's
 face; the shaft follows the tip (Webster et al. 2006, Int J Robot Res 25:509, unicycle model):
     dp/ds = t,   dt/ds = kappa n,   n turned about t as the needle is turned at its base
+from the skin on; from the template to the skin, through air, it goes straight.
 Force along the needle (Okamura, Simone, O'Leary 2004, IEEE Trans Biomed Eng 51:1707):
     f = f_stiffness (before the capsule breaks) or f_cutting + f_friction (after it)
     f_stiffness = k1 d + k2 d^2,  d the dent of the capsule, which breaks at a force
@@ -35,6 +36,8 @@ class NeedleParams:
     radius: float = quantity(400.0, 'mm', 'of the arc that the bevel tip follows', low=50.0,
                              high=1e5, source='200 to 650 mm are reported; 18 G in gelatin about '
                                               '220 mm')
+    skin: float = quantity(0.0, 'mm', 'of the way from the template to the skin, which the needle '
+                           'goes straight', low=0.0, high=200.0, source='that of the scene')
     dent_linear: float = quantity(20.0, 'N_m', 'stiffness of the capsule under the tip',
                                   low=0.0, high=1e4, source='soft phantom: 0.1 N at 4 mm')
     dent_square: float = quantity(2.5e3, 'N_m2', 'its growth with the dent', low=0.0, high=1e7,
@@ -70,7 +73,7 @@ class NeedlePath:
 
     def __init__(self, params, hole, axis, side):
         """hole : (3,) [m];  axis : (3,) along the hole;  side : (3,) that the bevel steers to."""
-        self._radius = params.radius
+        self._radius, self._skin = params.radius, params.skin
         self.depth, self.p = 0.0, np.array(hole, dtype=float)
         self.t = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
         side = np.asarray(side, dtype=float) - self.t * (self.t @ side)
@@ -106,6 +109,9 @@ class NeedlePath:
 
     def _along(self, start, depth):
         s0, p, t, n, _ = start
+        if s0 < self._skin:
+            free = min(depth, self._skin)
+            s0, p = free, p + (free - s0) * t
         angle = (depth - s0) / self._radius
         if angle < _STRAIGHT:
             return p + (depth - s0) * t, t, n

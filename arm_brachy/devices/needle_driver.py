@@ -204,6 +204,13 @@ class NeedleDriver:
         path.advance(depth - path.depth)
         return path
 
+    def _forget_turns(self):
+        """What is cut again after a withdrawal bends to where the bevel is now."""
+        depth = self._told.depth
+        if self._turns[-1][0] > depth:
+            kept = [one for one in self._turns if one[0] <= depth]
+            self._turns = [*kept, (depth, self._turns[-1][1])]
+
     def bends(self, curvature):
         """Tell that this needle bends by a curvature [1/m]: the told tip follows that arc.
 
@@ -336,6 +343,7 @@ class NeedleDriver:
                 self._speed = (d1 - d0) / (t1 - t0)
             self._measured = measured
             self._told.advance(max(d1, 0.0) - self._told.depth)
+            self._forget_turns()
         self._t = t
 
     def _state(self, force):

@@ -145,8 +145,16 @@ class Imager:
         self._aim = -np.inf, None
 
     def hear_aim(self, t, points):
-        """Take where the tip will be and where it is to be, (2, 3) [m], as foretold at t [s]."""
-        self._aim = t, np.asarray(points, dtype=float)
+        """Take where the tip will be and where it is to be, (2, 3) [m], as foretold at t [s].
+
+        One older than the last is no news. Raises InputError for anything but two places.
+        """
+        points = np.asarray(points, dtype=float)
+        if points.shape != (2, 3):
+            raise InputError(f'what is foretold of the tip: {len(points)} places; must be two, '
+                             'where it will be and where it is to be')
+        if t >= self._aim[0]:
+            self._aim = t, points
 
     @property
     def nodes(self):
@@ -213,7 +221,7 @@ class Imager:
         told_at, points = self._aim
         try:
             holes = self._template.in_image(*told_probe, self._geometry)
-            if t - told_at > _AIM_AGE:
+            if not abs(t - told_at) <= _AIM_AGE:
                 return holes, None, ''
             return holes, self._template.piercing(*told_probe, self._geometry, points), ''
         except InputError as error:

@@ -5,6 +5,7 @@ from rclpy.node import Node
 
 from arm_brachy import cell, graph
 from arm_brachy.core.errors import InputError
+from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.spin import spin_node
@@ -53,7 +54,7 @@ class UltrasoundImagerNode(Node):
             if messages:
                 self._latest[name] = messages[-1]
         for msg in inputs.get(graph.NEEDLE_AIM.name, ()):
-            self._imager.hear_aim(convert.nanoseconds(msg) * 1e-9, convert.positions_in(msg))
+            self._hear_aim(t_ns, msg)
         frame = self._see(t_ns)
         if frame is None:
             return
@@ -70,6 +71,12 @@ class UltrasoundImagerNode(Node):
             self._target_pub(convert.estimated_pose(
                 self._frame, t_ns * 1e-9, frame.cavity.centre, frame.cavity.covariance))
         self._health.beat(t_ns, lambda: {'images': self._images, 'tips': self._found})
+
+    def _hear_aim(self, t_ns, msg):
+        try:
+            self._imager.hear_aim(convert.nanoseconds(msg) * 1e-9, convert.positions_in(msg))
+        except InputError as refusal:
+            self._health.refuse(t_ns, Outcome.REJECTED, f'{graph.NEEDLE_AIM.name}: {refusal}')
 
     def _see(self, t_ns):
         """The Frame of this tick, None while body or probe have not been heard of."""

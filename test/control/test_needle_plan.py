@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from arm_brachy.control.needle_plan import NeedleCourse, NoPlan, plan
+from arm_brachy.control.needle_plan import NeedleCourse, NoPlan, plan, unlike
 from arm_brachy.core.outcome import Outcome
 
 AXIS, SIDE = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -53,7 +53,7 @@ def test_the_tip_is_level_with_the_target_on_the_arc_of_its_side():
 
 
 def test_the_side_of_the_bevel_takes_what_pads_cannot():
-    """Deflection 12.7 mm at 100 mm; a hole misses z by up to 2.5 mm, one of 24 sides does not."""
+    """Deflection 12.7 mm at 100 mm; a hole misses z by up to 2.5 mm, one of 72 sides does not."""
     found = planned((0.0, 0.0, 0.0023))
     assert found.left < 0.9e-3
     assert (found.goal - [0.0, 0.0, 0.0023])[2] == 0.0
@@ -81,6 +81,35 @@ def test_a_plan_weighs_what_bending_gains_against_how_unlike_needles_bend():
     assert bent.turn == np.inf and bent.spread > 4e-3
     aside = abs((found.tip - found.hole)[2])
     assert found.spread == pytest.approx(0.85 * RADIUS * aside, rel=0.05)
+
+
+def test_a_needle_that_goes_straight_to_the_skin_is_turned_over_the_later():
+    """0.29 of its way in the tissue, and never before the skin: by integration again."""
+    skin = 0.03
+
+    def course(roll, depth, turn=np.inf):
+        inside = arc(roll, max(depth - skin, 0.0), max(turn - skin, 0.0))
+        return min(depth, skin) * AXIS + inside
+    needle = NeedleCourse(AXIS, SIDE, 0.2, course, 1.0 / RADIUS, skin)
+    found = plan(grid(), needle, np.zeros(3), axes=(True, True, False), reach=0.008, hole=(2, 2),
+                 unturned=0.02)
+    assert found.turn == pytest.approx(skin + (1.0 - np.sqrt(0.5)) * 0.07, abs=2e-3)
+    assert found.spread < 0.1e-3 and found.left < 0.1e-3
+    assert unlike(found.depth, 0.0, skin) == pytest.approx(-0.5 * 0.07**2, rel=0.01)
+
+
+@pytest.mark.parametrize('axis', [(1.0, 0.0, -0.5), (1.0, 0.0, 1.0)])
+def test_under_a_slanted_template_goal_and_tip_still_meet(axis):
+    """Pads along x and y span the plane across the needle: nothing is left, level with the tip."""
+    axis = np.array(axis) / np.linalg.norm(axis)
+    side = np.cross(np.array([0.0, 1.0, 0.0]), axis)
+    needle = NeedleCourse(axis, side, 0.2, lambda roll, depth, turn=np.inf: depth * axis)
+    holes = np.array([[-0.1 * axis + y * np.array([0.0, 1.0, 0.0]) + z * side
+                       for z in (-5e-3, 0.0, 5e-3)] for y in (-5e-3, 0.0, 5e-3)])
+    found = plan(holes, needle, np.array([0.001, 0.002, -0.001]), axes=(True, True, False),
+                 reach=0.02, hole=(2, 2))
+    assert np.allclose(found.tip, found.goal, atol=1e-9) and found.left < 1e-9
+    assert found.goal[2] == -0.001
 
 
 def test_the_goal_moves_across_the_needle_only_and_within_reach():

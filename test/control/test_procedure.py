@@ -26,15 +26,16 @@ class Toy:
     """Everything does what it is told, at once or at the speed it is told; parts can be broken.
 
     broken : names among target, scanner, needle, probe, contact, pads, sight, plane, depth
+    bias : [m] that the told depth is off by
     rise : share of the way along y by which the pads lift the target
     """
 
-    def __init__(self, broken=(), radius=BEND, press=(0.0, 0.0, 0.0), rise=0.0,
+    def __init__(self, broken=(), radius=BEND, press=(0.0, 0.0, 0.0), rise=0.0, bias=0.0,
                  **given):
         self.procedure = Procedure(ProcedureParams('t', **given), HOLES,
                                    NeedleCourse(AXIS, SIDE, 0.2, arc, 1.0 / BEND), settle=0.2,
                                    press=press)
-        self.broken, self.radius, self.rise = set(broken), radius, rise
+        self.broken, self.radius, self.rise, self.bias = set(broken), radius, rise, bias
         self.t, self.orders, self.phases = 0.0, [], []
         self.target, self.goal = np.array([0.0, 0.002, 0.0]), None
         self.depth, self.drive, self.hole, self.probe = 0.0, (0.0, 0.0), HOLES[1, 1], 0
@@ -58,7 +59,7 @@ class Toy:
         p.permit(self.permission, 'a test')
         if 'target' not in self.broken:
             p.hear_target(self.t, self.target)
-        p.hear_needle(NeedleSeen(self.depth))
+        p.hear_needle(NeedleSeen(self.depth + self.bias))
         touching = self.probe == 2 and self.contact
         off = min(0.0, self.p[0] - self.nearest) if touching else np.nan
         p.hear_probe(ProbeSeen(self.probe, touching, np.nan if 'plane' in self.broken else off,
@@ -222,6 +223,32 @@ def test_the_needle_goes_the_last_of_its_way_slowly():
     assert np.isclose(max(far), 5e-3) and np.isclose(max(last), 2e-3)
     slower = -np.diff([v for left, v in speeds if left > 1e-3])
     assert max(slower) < 0.51e-3        # six steps from 5 to 2 mm/s, in different ticks
+
+
+def test_a_slow_insertion_does_not_speed_up_before_the_target():
+    toy = Toy(overlay=False, speed=1e-3).run(until=Phase.INSERTING)
+    while toy.procedure.phase is Phase.INSERTING:
+        before = toy.depth
+        toy.tick()
+        assert (toy.depth - before) / TICK < 1.01e-3
+
+
+@pytest.mark.parametrize('bias', [0.8e-3, -0.8e-3])
+def test_a_depth_sensor_that_is_off_ends_no_procedure(bias):
+    """By four standard deviations: the drive goes to its depth, another one is told."""
+    toy = Toy(overlay=False, bias=bias).run()
+    assert toy.procedure.outcome is Outcome.OK and Kind.TURN in toy.orders
+
+
+def test_a_person_turns_the_base_by_half_a_turn_at_most_and_not_where_no_way_is_left():
+    toy, rolls = Toy(radius=0.25, view=0.045, turn=False).run(until=Phase.INSERTING), []
+    while toy.procedure.phase is Phase.INSERTING:
+        before, left = toy.roll, toy.procedure.plan.depth - toy.depth
+        toy.tick()
+        if toy.roll != before:
+            rolls.append(abs(toy.roll - before))
+            assert left > 5e-3      # sqrt(2 R 0.1 mm) is 7 mm, and a curvature less sure
+    assert rolls and max(rolls) <= np.pi + 1e-9
 
 
 def test_at_the_dwell_the_tip_is_at_the_target():

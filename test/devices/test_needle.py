@@ -1,5 +1,7 @@
 """The needle's path is the arc of the unicycle model; its forces are those of Okamura's."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -21,6 +23,19 @@ def test_the_tip_is_on_the_circle_of_the_bevel():
     assert np.isclose(np.linalg.norm(needle.p - centre), PARAMS.radius, rtol=1e-12)
     assert np.isclose(needle.p @ SIDE, PARAMS.radius * (1 - np.cos(0.08 / PARAMS.radius)))
     assert np.isclose(needle.depth, 0.08)
+
+
+def test_before_the_skin_it_goes_straight_whatever_the_steps():
+    ends = []
+    for steps in ([0.08], [0.004] * 20, [0.013, 0.067]):
+        needle = NeedlePath(replace(PARAMS, skin=0.012), np.zeros(3), AXIS, SIDE)
+        for step in steps:
+            needle.advance(step)
+        ends.append(needle.p)
+        assert np.allclose(needle.shaft(81)[:12] @ SIDE, 0.0)
+    inside = 0.068 / PARAMS.radius
+    assert np.allclose(ends, 0.012 * AXIS + PARAMS.radius * (
+        np.sin(inside) * AXIS + (1 - np.cos(inside)) * SIDE), atol=1e-12)
 
 
 def test_a_turned_bevel_integrates_the_unicycle_equations():

@@ -89,6 +89,21 @@ def test_half_a_turn_midway_brings_it_back_and_the_told_tip_knows():
     assert np.allclose(offset(np.pi, 0.04), offset(0.0, 0.04) * [1, 1, -1])
 
 
+def test_a_curvature_told_after_a_withdrawal_past_a_turn_moves_no_tip():
+    """The same curvature as before: what was cut anew bends to where the bevel was then."""
+    needle, t = driver(), 0.0
+    for depth, roll in ((0.06, None), (0.03, np.pi), (0.06, None)):
+        if roll is not None:
+            needle.turn(roll)
+        needle.command(depth)
+        state = run(needle, 8.0, start=t)[-1]
+        t += 8.0
+    needle.bends(1.0 / EXACT.needle.radius)
+    after = run(needle, 1.0, start=t)[-1]
+    assert np.allclose(after.tip_p, state.tip_p, atol=1e-6)
+    assert np.allclose(after.tip_p, after.shaft[-1], atol=1e-6)
+
+
 def test_the_told_tip_follows_the_arc_that_the_driver_is_told():
     """Turned midway, told straight, then told how it bends: the tip is the true one at once."""
     needle = driver(replace(EXACT, told='straight'))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from arm_brachy.core.errors import InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.devices.needle import NeedleParams, NeedlePath
 from arm_brachy.devices.ultrasound import UltrasoundParams
@@ -99,6 +100,21 @@ def test_the_picture_marks_where_the_tip_will_be_and_where_it_is_to_be():
         middle = 0.5 * (place.min(axis=0) + place.max(axis=0))
         assert len(place) > 10 and np.abs(middle - true).max() <= 1.0
     assert not any(len(place) for place in marks(2.0))
+
+
+def test_what_is_foretold_of_a_tip_is_two_places_and_the_newest():
+    made = imager()
+    for places in (np.zeros((1, 3)), np.zeros((0, 3))):
+        with pytest.raises(InputError, match='must be two'):
+            made.hear_aim(0.0, places)
+    new, old = np.array([[0.0, 0.02, 0.03]] * 2), np.array([[0.01, 0.02, 0.03]] * 2)
+    drawn = []
+    for heard in ([(0.1, new)], [(0.1, new), (0.0, old)]):
+        made = imager()
+        for t, places in heard:
+            made.hear_aim(t, places)
+        drawn.append(made.see(0.1, NODES, PROBE, None, None, PROBE, None).overlay)
+    assert np.array_equal(*drawn)
 
 
 def test_the_tip_is_told_in_the_world_by_the_told_pose(still):

@@ -153,6 +153,9 @@ def test_a_seed_is_where_the_tissue_at_the_tip_comes_to_rest():
     assert np.isnan(assess_procedure(run(), still(0.0, 0.021, 0.0), before).seed_miss)
     out = at_rest(np.array([[0.003, 0.0, 0.0], [0.5, 0.0, 0.0]]), now, rest, tets)
     assert out[0] == pytest.approx(np.zeros(3), abs=1e-12) and np.isnan(out[1]).all()
+    flat = np.vstack([tets, [0, 1, 2, 3]])      # four corners of one face
+    assert at_rest(now[:1] * 0.5, now, rest, flat) == pytest.approx(
+        at_rest(now[:1] * 0.5, now, rest, tets))
 
 
 def test_a_target_located_in_the_images_is_compared_while_the_needle_goes_in_and_rests():
