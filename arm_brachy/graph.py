@@ -248,7 +248,9 @@ def _estimator(name, text):
         f'{name}_estimator', text,
         publishes=(estimate(name), estimate_topology(name), estimate_positions(name),
                    *EVERYWHERE),
-        subscribes=(OPTICAL, ACTUATORS), same=('optical_tracker', 'actuator_driver'))
+        subscribes=(OPTICAL, ACTUATORS, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE, PROBE_POSE,
+                    PROBE_WRENCH),
+        same=('optical_tracker', 'actuator_driver', 'needle_driver', 'probe_controller'))
 
 
 KF_ADMM_ESTIMATOR = _estimator(

@@ -216,6 +216,8 @@ class InProcess:
         heard = []
         for name, live in self.estimators.items():
             live.feel(self.t, state.q)
+            if self.probe is not None:
+                live.bear(self.t, self.probe.loads())
             for frame in frames:
                 live.see(_stamp(frame), frame.ids, frame.points)
             step = live.step(self.t)

@@ -12,9 +12,11 @@ from arm_brachy.control.procedure_steps import Kind, NeedleSeen, ProbeSeen
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.estimation.known_load import instrument_loads
 from arm_brachy.evaluation.procedure_data import Frame
 from arm_brachy.offline_procedure import FRAME_EVERY
 from arm_brachy.tissue.needle_path import NeedleInTissue, tangents
+from arm_brachy.tissue.probe_face import ProbeFace
 
 _INSIDE = 1e-6      # m of depth from which on a needle is in the way of anything
 
@@ -143,6 +145,14 @@ class ProbeSide:
         if frame.cavity is not None:
             self._log.add('target_image', frame.t, frame.cavity.centre)
             self.procedure.hear_target_image(frame.t, frame.cavity.centre)
+
+    def loads(self):
+        """KnownLoads of probe and needle as the cell measures them; after `before`."""
+        step, state = self._step, self._state
+        return instrument_loads(
+            (step.R, step.p, step.wrench) if step.in_contact else None,
+            None if state.tip_p is None else (state.tip_R, state.tip_p, state.force, state.depth),
+            ProbeFace())
 
     def hear_mesh(self, t, x):
         """The feedback's mesh, at the rate at which it is published; the arm hears it next."""

@@ -189,10 +189,11 @@ def test_estimators_run_beside_prescribed_moves_and_em_feedback():
         assert set(graph.cell_of(scenario)) == {*plain, 'pod_estimator'}
 
 
-def test_estimators_hear_markers_and_encoders_alone():
+def test_estimators_hear_markers_encoders_and_what_instruments_measure_and_no_truth():
     for name in ESTIMATING:
         heard = {t.name for t in graph.node(name).subscribes}
-        assert heard == {'optical/markers', 'actuators/state'}
+        assert heard == {'optical/markers', 'actuators/state', 'probe/state', 'probe/pose',
+                         'probe/wrench', 'needle/tip', 'needle/state'}
 
 
 @pytest.mark.parametrize('scenario', [PROBING, TASKED, MARKED])

@@ -18,12 +18,15 @@ class Surface:
     frame_covariance : (6, 6) covariance of the rigid registration that brought the markers into
         W: rotation vector about the centroid of the markers [rad], then translation [m]; the
         error is common to all markers of a frame
+    loads : known_load.KnownLoads that act on the tissue besides the pads, as measured; `map`
+        counts on them, the other estimators do not
     """
 
     t: float
     q: np.ndarray
     markers: np.ndarray
     frame_covariance: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
+    loads: tuple = ()
 
     @property
     def seen(self):

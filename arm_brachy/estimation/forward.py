@@ -65,6 +65,10 @@ class Forward:
         """Return the positions (w, 3) [m] of markers and targets at node positions x (n, 3)."""
         return interpolate(self._rider, x)
 
+    def moves(self, moved):
+        """Return how far (w, 3) [m] markers and targets go with nodes that move by (n, 3) [m]."""
+        return interpolate(self._rider, moved)
+
     def strain(self, x):
         """Return |F - I| (w,), Frobenius norm, of the tissue at the points."""
         F = np.einsum('kai,kaj->kij', x[self._rider.nodes], self._rider.gradients)
@@ -95,15 +99,16 @@ class Forward:
             self._linearisation.move_to(x, fields)
         return self._linearisation
 
-    def response(self, x, q, fields=None):
+    def response(self, x, q, fields=None, known=None):
         """Return d points / d unknowns, (3w, k) [m per standard deviation], by the adjoint.
 
         x : (n, 3) [m] equilibrium at travel q (p,) [m] with `fields`
+        known : (n, 3) [N] of the known loads among them, None = there are none
         One back-solve for each coordinate of a point, whatever the number of unknowns. What it
         was made of stays in `derivatives`.
         """
         linearisation = self.linearise(x, fields)
-        self.derivatives = found = self.unknowns.derivatives(linearisation, q)
+        self.derivatives = found = self.unknowns.derivatives(linearisation, q, known)
         pads = np.zeros((3 * len(self.model.directions), self.watch.shape[1]))
         a, h = linearisation.adjoint(self.watch, pads)
         held = self._held
@@ -123,6 +128,14 @@ class Forward:
         """Return d x / d unknowns, (3n, k): one back-solve for each unknown."""
         found = self.unknowns.derivatives(self.linearise(x, fields), q)
         return self._linearisation.respond(found.motion, found.rate)
+
+    def yield_to(self, force):
+        """Return the displacement (n, 3) [m] by nodal forces (n, 3) [N], to first order.
+
+        About the state of the last `response`; one back-solve.
+        """
+        force = np.ravel(force)[:, None]
+        return self._linearisation.respond(np.zeros_like(force), -force).reshape(-1, 3)
 
     def nodal_change(self, change):
         """Return the change (n, 3) [m] of the nodes by a change (k,) of the unknowns.

@@ -72,6 +72,7 @@ class LiveEstimator:
         self._row = {name: i for i, name in enumerate(motion.names)}
         self._encoder, self._frame, self._due = deque(maxlen=_KEPT), None, None
         self._last, self._started = -np.inf, None
+        self._loads = -np.inf, ()
 
     @property
     def registration(self):
@@ -81,6 +82,10 @@ class LiveEstimator:
     def feel(self, t, q):
         """Take the encoders at t [s]: q (p,) [m]."""
         self._encoder.append((t, np.array(q, dtype=float)))
+
+    def bear(self, t, loads):
+        """Take what the instruments load the tissue with at t [s]: known_load.KnownLoads."""
+        self._loads = t, tuple(loads)
 
     def see(self, t, ids, points):
         """Take one frame of t [s]: points (n, 3) [m] in the tracker's frame, NaN where hidden."""
@@ -130,7 +135,10 @@ class LiveEstimator:
         outcome, message = self._trouble(taken, seen)
         if outcome in (Outcome.WRONG_SCENE, Outcome.TOO_FEW_MARKERS):
             return LiveStep(t, None, outcome, message, seen=seen)
-        found = _sound(self._estimator.step(Surface(when, q, markers, self._frame_of(markers))))
+        told, loads = self._loads
+        found = _sound(self._estimator.step(Surface(
+            when, q, markers, self._frame_of(markers),
+            loads if abs(when - told) <= self.params.stale_after else ())))
         if not found.outcome.ok:
             return LiveStep(t, None, found.outcome, found.message, seen=seen)
         if outcome.ok:

@@ -22,6 +22,8 @@ from arm_brachy.core.quantity import quantity, whole, word
 from arm_brachy.core.scene import with_mesh
 from arm_brachy.estimation.estimate import Estimate
 from arm_brachy.estimation.forward import Forward
+from arm_brachy.estimation.known_load import beside, nodal_forces
+from arm_brachy.estimation.local_loads import node_volumes
 from arm_brachy.estimation.map_update import (
     Point,
     hypotheses,
@@ -62,6 +64,13 @@ class MapParams:
                                  'unknown load moves it by: the model is linearised without it',
                                  low=0.0, high=10.0, source='plants under a probe, README.md, '
                                  'section 4')
+    known_error: float = quantity(0.15, '', 'the same as a share of what a known load moves it by',
+                                  low=0.0, high=10.0, source='plants under a probe, README.md, '
+                                  'section 4')
+    reload: float = quantity(1.5, 'N', 'change of the known loads over which one linearisation '
+                             'serves, summed over the nodes', low=0.0, high=100.0,
+                             source='a probe of 3 N that has gone on by some 3 mm: what a load '
+                                    'does is followed to first order in between')
     floor: float = quantity(0.03, 'mm', 'sd of the place of a target at rest', low=1e-4, high=10.0,
                             source='tools and embedding')
     dof: float = quantity(4.0, '', 'degrees of freedom of the Student noise', low=1.0, high=100.0,
@@ -105,6 +114,7 @@ class Map:
         loads = self._forward.unknowns.part('load')
         self._loads = loads.stop - loads.start
         self._suspicions = hypotheses(self._forward.unknowns, params.others)
+        self._volume = node_volumes(self._forward.model.body)
         self._rest = self._forward.rest()
         self.reset()
 
@@ -121,15 +131,19 @@ class Map:
 
     def linearised(self, q):
         """map_update.Point of the model as it is, at travel q (p,) [m]. Raises NotConverged."""
-        at = self._linearised(np.asarray(q, dtype=float), np.zeros(self._k), self._at)
+        at = self._linearised(np.asarray(q, dtype=float), np.zeros(self._k), self._at,
+                              np.zeros_like(self._x))
         return self._renewed() if at.stale else at
 
     def step(self, surface):
         """Return the Estimate of a Surface; what could not be taken in leaves the state."""
+        under = ~beside(surface.loads, surface.markers)
+        surface = replace(surface, markers=np.where(under[:, None], np.nan, surface.markers))
         if not surface.seen.any():
             return self._failed(surface, Outcome.REJECTED, 'no marker seen; must be one at least')
+        known = nodal_forces(surface.loads, self._x, self._volume)
         try:
-            found, at, weights = self._iterate(surface, self._predicted(surface.t))
+            found, at, weights = self._iterate(surface, self._predicted(surface.t), known)
         except NotConverged as error:
             self._at = None
             return self._failed(surface, Outcome.NOT_CONVERGED, str(error))
@@ -150,60 +164,81 @@ class Map:
             return self._state
         return self._state.forgotten(np.exp(-max(t - self._t, 0.0) / self.params.memory))
 
-    def _iterate(self, surface, state):
-        """(Mixture, last Point, weights) by Gauss-Newton from the state before."""
-        at = self._start(surface.q, state.average()[:self._k])
+    def _iterate(self, surface, state, known):
+        """(Mixture, last Point, weights) by Gauss-Newton from the state before.
+
+        known : (n, 3) [N] of the loads that are known
+        """
+        at = self._start(surface.q, state.average()[:self._k], known)
         for i in range(self.params.iterations):
             found, weights = update(at, surface, state, self.params)
             theta = found.average()[:self._k]
             change = at.response @ (theta - at.theta)
             if i + 1 == self.params.iterations or np.abs(change).max() < self.params.settled:
                 return found, at, weights
-            at = self._linearised(surface.q, theta, at)
+            at = self._linearised(surface.q, theta, at, known)
 
-    def _start(self, q, theta):
-        """The last Point, moved along with the pads while these are near, else one at q.
+    def _start(self, q, theta, known):
+        """The last Point, moved along with pads and loads while these are near, else one there.
 
         Where pads go on, one frame solves and the next one differentiates.
         """
-        if self._at is not None and np.abs(q - self._at.q).max(initial=0.0) <= self.params.reuse:
-            return (self._renewed() if self._at.stale else self._at).moved(q)
-        return self._linearised(q, theta, self._at)
+        if (self._at is not None and np.abs(q - self._at.q).max(initial=0.0) <= self.params.reuse
+                and np.abs(known - self._at.known).sum() <= self.params.reload):
+            return self._under(self._renewed() if self._at.stale else self._at, known).moved(q)
+        return self._linearised(q, theta, self._at, known)
+
+    def _under(self, at, known):
+        """A Point of the last linearisation under other known loads."""
+        if np.array_equal(known, at.known):
+            return at
+        moved = self._forward.yield_to(known - at.known)
+        return at.loaded(known, moved, self._forward.moves(moved))
 
     def _renewed(self):
         """The last Point with the response at its own travel."""
         forward, at = self._forward, self._at
-        fields, _, _ = forward.unknowns.applied(at.theta, at.q, at.x, forward.derivatives)
-        self._at = replace(at, response=forward.response(at.x, at.q, fields),
+        fields, _, _ = forward.unknowns.applied(at.theta, at.q, at.x, forward.derivatives,
+                                                at.known)
+        self._at = replace(at, response=forward.response(at.x, at.q, fields, at.known),
                            by_pads=forward.pad_response(), stale=False)
+        self._at = replace(self._at, pressed=self._pressed(at.known))
         return self._at
 
-    def _linearised(self, q, theta, before):
+    def _pressed(self, known):
+        """(w, 3) [m] by which known loads (n, 3) [N] move the points, by the last response."""
+        if not known.any():
+            return np.zeros((self._m + len(self.targets), 3))
+        return self._forward.moves(self._forward.yield_to(known))
+
+    def _linearised(self, q, theta, before, known):
         """Point at theta, or on the way to it from `before` as far as there is an equilibrium."""
         start = np.zeros(self._k) if before is None else before.theta
         for _ in range(HALVINGS):
             try:
-                return self._solved(q, theta)
+                return self._solved(q, theta, known)
             except NotConverged:
                 theta = start + 0.5 * (theta - start)
-        return self._solved(q, theta)
+        return self._solved(q, theta, known)
 
-    def _solved(self, q, theta):
+    def _solved(self, q, theta, known):
         forward, near = self._forward, self._at
         if near is not None and np.abs(q - near.q).max(initial=0.0) > NEAR:
             near = None
         if near is not None:
             self._x = near.moved(q).x
-        fields, offset, shift = forward.unknowns.applied(theta, q, self._x, forward.derivatives)
+        fields, offset, shift = forward.unknowns.applied(theta, q, self._x, forward.derivatives,
+                                                         known)
         x = forward.solve(self._x, q, fields, offset)
         self._x = x
         found = Point(theta, np.array(q, dtype=float), forward.points(x) + shift, None,
-                      forward.strain(x)**STRAINED, self._m, x, None, self._loads)
+                      forward.strain(x)**STRAINED, self._m, x, None, self._loads, known=known)
         if near is None or near.stale or self.params.iterations > 1:
-            found = replace(found, response=forward.response(x, q, fields),
+            found = replace(found, response=forward.response(x, q, fields, known),
                             by_pads=forward.pad_response())
         else:
             found = replace(found, response=near.response, by_pads=near.by_pads, stale=True)
+        found = replace(found, pressed=self._pressed(known))
         self._at = found
         return found
 

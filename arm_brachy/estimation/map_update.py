@@ -10,7 +10,7 @@ SWEEPS = 4   # of the markers' weights within one linearisation
 # Kinds of unknowns that may be wrong by much while the others are not; pads are one kind, however
 # they err.
 SUSPECTS = (('modulus',), ('bulk',), ('fibres',), ('base',), ('slides', 'pads'), ('force',))
-ALWAYS = 'faces'     # wrong by its sd under every hypothesis
+ALWAYS = ('faces', 'give')      # wrong by their sd under every hypothesis
 LOADS = (0.3, 1.0)   # sds of the unknown load, of its own, under two further hypotheses
 
 
@@ -23,6 +23,7 @@ class Point:
     markers : how many of the points are markers;  x : (n, 3) [m] nodes
     by_pads : (3w + 3n, p) d (points, x) / d travel [1];  loads : how many unknowns, the last
         ones, are local loads;  stale : response and by_pads are of a travel near q
+    known : (n, 3) [N] of the known loads;  pressed : (w, 3) [m] by which these move the points
     """
 
     theta: np.ndarray
@@ -35,6 +36,8 @@ class Point:
     by_pads: np.ndarray | None = None
     loads: int = 0
     stale: bool = False
+    known: np.ndarray | None = None
+    pressed: np.ndarray | None = None
 
     @property
     def by_loads(self):
@@ -50,6 +53,14 @@ class Point:
         return replace(self, points=self.points + step[:w].reshape(-1, 3),
                        x=self.x + step[w:].reshape(-1, 3))
 
+    def loaded(self, known, moved, points):
+        """The Point under other known loads, to first order.
+
+        known : (n, 3) [N];  moved : (n, 3) [m] of the nodes by the change;  points : (w, 3) [m]
+        """
+        return replace(self, known=known, x=self.x + moved, points=self.points + points,
+                       pressed=self.pressed + points)
+
 
 def hypotheses(unknowns, others):
     """Return the sd of every unknown (h, k) under each hypothesis, in units of PriorParams.
@@ -59,7 +70,8 @@ def hypotheses(unknowns, others):
     than the pads loads the skin, which under the others nothing does. One row for others = 1.
     """
     row = np.full(unknowns.count, others)
-    row[unknowns.part(ALWAYS)], row[unknowns.part('load')] = 1.0, 0.0
+    row = _with(row, unknowns, ALWAYS, 1.0)
+    row[unknowns.part('load')] = 0.0
     if others == 1.0:
         return row[None]
     rows = [row] + [_with(row, unknowns, kinds, 1.0) for kinds in SUSPECTS]
@@ -146,6 +158,9 @@ def target_state(at, state, params):
     # A load acts where the model was not linearised: what it moves is known to a share only.
     pressed = (B[:, at.by_loads] @ state.average()[at.by_loads]).reshape(-1, 3)
     local += np.repeat((params.load_error * np.linalg.norm(pressed, axis=1))**2, 3)
+    if at.pressed is not None:
+        by_known = np.linalg.norm(at.pressed[at.markers:], axis=1)
+        local += np.repeat((params.known_error * by_known)**2, 3)
     return points, params.inflation * (state.covariance(B) + np.diag(local))
 
 

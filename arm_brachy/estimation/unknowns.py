@@ -61,6 +61,10 @@ class PriorParams:
     faces: float = quantity(0.15, '', 'sd of the share of its travel by which a pad falls short '
                             'at its rim, in each of five terms around it', low=0.0,
                             source=_FITTED)
+    give: float = quantity(0.4, '', 'sd of how much more or less the tissue gives under a known '
+                           'load than the model, as a share', low=0.0, high=10.0,
+                           source='moduli of phantoms of one kind differ by as much; pushes by '
+                                  'pads do not show them')
     load: float = quantity(1.0, 'N', 'sd of an unknown load at each of load_places of the skin, '
                            'in x, y and z', low=0.0, source='an ultrasound probe presses with '
                            '3 N')
@@ -96,7 +100,7 @@ class Unknowns:
                        'fibres': len(self.directions), 'base': 2 if self._base else 0,
                        'slides': len(self._slides), 'pads': 3 * len(body.pads),
                        'force': self._force.shape[1], 'faces': AROUND * len(body.pads),
-                       'load': self._load.shape[1]}
+                       'give': 1, 'load': self._load.shape[1]}
         self.names = self._names()
 
     @property
@@ -120,12 +124,13 @@ class Unknowns:
                         for what in ('travel', 'tilt_up', 'tilt_side')),
                       *(f'force_{i}' for i in range(self._force.shape[1])),
                       *(f'{pad}_face_{i}' for pad in pads for i in range(AROUND)),
-                      *(f'load_{i}' for i in range(self._load.shape[1]))])
+                      'give', *(f'load_{i}' for i in range(self._load.shape[1]))])
 
-    def derivatives(self, linearisation, q):
+    def derivatives(self, linearisation, q, known=None):
         """Return the Derivatives with respect to each unknown at an equilibrium.
 
         linearisation : jacobian.Linearisation;  q : (p,) [m] pad travel
+        known : (n, 3) [N] of the known loads, None = there are none
         """
         p, fields, size = self.params, linearisation.fields, linearisation.x.size
         by_modulus = log_modulus_derivative(linearisation.solver.assembler, linearisation.x,
@@ -140,6 +145,8 @@ class Unknowns:
             'fibres': p.fibres * self._fibre_rates(linearisation.x),
             'slides': p.offset * _columns([s[0] for s in slid], size),
             'force': -self._growth(q) * self._force, 'load': -self._load}
+        if known is not None:
+            rates['give'] = -p.give * known.reshape(-1, 1)
         motions = {'pads': self._pad_motions(q), 'faces': self._face_motions(q)}
         if self._base:
             motions['base'] = p.base * self._base.motions(linearisation)
@@ -158,7 +165,7 @@ class Unknowns:
 
     def part(self, name):
         """Return the slice of the unknowns of one kind, modulus, bulk, fibres, base,
-        slides, pads, force, faces or load."""
+        slides, pads, force, faces, give or load."""
         names = list(self._sizes)
         start = sum(self._sizes[n] for n in names[:names.index(name)])
         return slice(start, start + self._sizes[name])
@@ -204,11 +211,12 @@ class Unknowns:
             motion[pad.nodes, :, i] = self.params.faces * q[i] * face_motion(nodes, pad)
         return motion.reshape(nodes.size, -1)
 
-    def applied(self, theta, q, x, last=None):
+    def applied(self, theta, q, x, last=None, known=None):
         """Return the model with the unknowns at theta, for a solve that starts at x.
 
         theta : (k,);  q : (p,) [m];  x : (n, 3) [m] where fibres have their stress from
         last : Derivatives from which base and slid pads have what they do; None leaves them out
+        known : (n, 3) [N] of the known loads, None = there are none
         Returns StepFields, offsets (n, 3) [m] of held nodes and shifts (w, 3) [m] of the points.
         """
         fields = StepFields.of(self.body)
@@ -230,6 +238,8 @@ class Unknowns:
             force -= last.rate[:, slides] @ theta[slides]
             shift = last.shift[:, :, slides] @ theta[slides]
         fields.nodal_force += force.reshape(-1, 3)
+        if known is not None:
+            fields.nodal_force += (1.0 + self.params.give * theta[self.part('give')]) * known
         return fields, offset.reshape(-1, 3), shift
 
 

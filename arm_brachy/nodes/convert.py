@@ -301,6 +301,11 @@ def rigid(pose):
     return Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), xyz(pose.position)
 
 
+def six(wrench):
+    """(6,) [N, N m] of a geometry_msgs/Wrench."""
+    return np.concatenate([xyz(wrench.force), xyz(wrench.torque)])
+
+
 def needle_state(t_ns, frame, state):
     """sensor_msgs/JointState from a devices.needle_driver.NeedleState: depth, then roll."""
     return JointState(header=header(t_ns, frame), name=['needle', 'roll'],

@@ -91,7 +91,7 @@ class ProbeControllerNode(Node):
         for msg in inputs.get(graph.TRUTH_CONTACT.name, ()):
             w = msg.wrench
             self._reading = SimpleNamespace(
-                wrench=np.concatenate([convert.xyz(w.force), convert.xyz(w.torque)]),
+                wrench=convert.six(w),
                 stiffness=np.reshape(msg.stiffness, (6, 6)))
         for msg in inputs.get(self._topology, ()):
             self._arm.hear_topology(np.reshape(msg.surface, (-1, 3)))

@@ -10,13 +10,18 @@ from rclpy.node import Node
 from arm_brachy import cell, graph
 from arm_brachy.core.errors import CommandRefused
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.estimation.known_load import instrument_loads
 from arm_brachy.nodes import convert, parameters
 from arm_brachy.nodes.health import Health
 from arm_brachy.nodes.spin import spin_node
 from arm_brachy.nodes.ticker import Ticker
 from arm_brachy.tissue.mesh import boundary_faces
+from arm_brachy.tissue.probe_face import ProbeFace
 
 MM, MS = 1e3, 1e3
+INSTRUMENTS = (graph.PROBE_STATE, graph.PROBE_POSE, graph.PROBE_WRENCH, graph.NEEDLE_TIP,
+               graph.NEEDLE_STATE)
+FRESH_NS = 250_000_000   # of what is told of them: older, and they are taken to be gone
 
 
 class TissueEstimatorNode(Node):
@@ -24,6 +29,8 @@ class TissueEstimatorNode(Node):
 
     in   optical/markers    OpticalFrame  in the tracker's frame: the node registers it
          actuators/state    JointState    encoders
+         probe/state, probe/pose, probe/wrench, needle/tip, needle/state  what probe and needle
+             load the tissue with, which `map` counts on
     out  estimate/<name>/<target>        PoseWithCovarianceStamped  stamp = acquisition
          estimate/<name>/mesh/topology   MeshTopology   latched, with the first estimate
          estimate/<name>/mesh/positions  MeshPositions  at the scenario's mesh rate
@@ -52,8 +59,9 @@ class TissueEstimatorNode(Node):
         self._positions_pub = ticker.publisher(graph.estimate_positions(name))
         self._health = Health(self, ticker, self._frame)
         self._took, self._count, self._last = [], 0, None
-        ticker.subscribe(graph.OPTICAL)
-        ticker.subscribe(graph.ACTUATORS)
+        self._instruments = {}      # topic name -> newest message
+        for topic in spec.subscribes:
+            ticker.subscribe(topic)
         ticker.start()
 
     def _work(self, tick, t_ns, inputs):
@@ -61,6 +69,7 @@ class TissueEstimatorNode(Node):
             self._feel(t_ns, msg)
         for msg in inputs[graph.OPTICAL.name]:
             self._live.see(*convert.marker_frame(msg))
+        self._bear(t_ns, inputs)
         begun = time.perf_counter()
         step = self._live.step(t_ns * 1e-9)
         if step is not None:
@@ -78,6 +87,21 @@ class TissueEstimatorNode(Node):
                             cell.in_driver_order(msg.name, msg.position, self._pads))
         except CommandRefused as refusal:
             self._health.refuse(t_ns, Outcome.REJECTED, f'{graph.ACTUATORS.name}: {refusal}')
+
+    def _bear(self, t_ns, inputs):
+        """Take what probe and needle load the tissue with, of messages that are not old."""
+        for topic in INSTRUMENTS:
+            for msg in inputs.get(topic.name, ()):
+                self._instruments[topic] = msg
+        fresh = {topic: msg for topic, msg in self._instruments.items()
+                 if t_ns - convert.nanoseconds(msg) <= FRESH_NS}
+        state, pose, wrench, tip, needle = map(fresh.get, INSTRUMENTS)
+        pressing = state is not None and state.in_contact and None not in (pose, wrench)
+        inside = None not in (tip, needle)
+        self._live.bear(t_ns * 1e-9, instrument_loads(
+            (*convert.rigid(pose.pose), convert.six(wrench.wrench)) if pressing else None,
+            (*convert.rigid(tip.pose), needle.effort[0], needle.position[0]) if inside else None,
+            ProbeFace()))
 
     def _publish(self, estimate):
         self._count += 1

@@ -84,6 +84,15 @@ def test_a_body_without_pads_needs_no_encoders():
     assert len(estimator.given) > 5 and estimator.given[-1].q.shape == (0,)
 
 
+def test_loads_that_are_told_are_the_estimators_until_they_are_old():
+    one, estimator = live(stale_after=0.3)
+    one.bear(0.2, ['pressed'])
+    run(one, 1.0)
+    told = [surface.t for surface in estimator.given if surface.loads == ('pressed',)]
+    assert told and max(told) <= 0.5 + 1e-9
+    assert all(surface.loads == () for surface in estimator.given if surface.t > 0.51)
+
+
 def test_a_silent_encoder_is_named():
     one, _ = live()
     steps = run(one, 1.0, pads=0)

@@ -12,6 +12,7 @@ from arm_brachy.estimation import map as estimator
 from arm_brachy.estimation.estimate import Surface
 from arm_brachy.estimation.forward import TOLERANCE
 from arm_brachy.estimation.gaussian import student_weights
+from arm_brachy.estimation.known_load import KnownLoad, nodal_forces
 from arm_brachy.estimation.map_update import hypotheses, own_variance
 from arm_brachy.estimation.unknowns import PriorParams
 
@@ -269,6 +270,70 @@ def test_a_load_that_nobody_told_is_named_and_widens_the_ellipse(block):
     squared = [o @ np.linalg.solve(P, o) for o, P in zip(off, found.covariance, strict=True)]
     assert max(squared) < chi2.ppf(0.95, 3)
     assert found.covariance[0].trace() > 2.0 * quiet.covariance[0].trace()
+
+
+def load_at(place, force, sd=8e-3):
+    return KnownLoad(np.asarray(place), np.asarray(force), sd**2 * np.eye(3))
+
+
+def under(built, load, q, share=1.0):
+    """Points of the nonlinear model under a share of a load."""
+    known = share * nodal_forces((load,), built._rest, built._volume)
+    fields, offset, _ = built.unknowns.applied(np.zeros(built._k), q, built._rest, None, known)
+    return built._forward.points(built._forward.solve(built._rest, q, fields, offset))
+
+
+@pytest.mark.parametrize('share', [1.0, 0.7])
+def test_a_load_that_is_told_is_no_unknown_one_and_leaves_the_targets_where_they_are(block, share):
+    """Half a newton on the skin; the body may give by 0.7 of what the model thinks."""
+    params = estimator.MapParams(prior=replace(PRIOR, load_places=8))
+    built = estimator.build(block.scene, (), block.targets, block.markers, params)
+    top = built._rest[built._rest[:, 2].argmax()]
+    load = load_at(top, [0.1, 0.0, -0.5])
+    points = under(built, load, Q, share)
+    moved = np.linalg.norm(points - built._forward.points(built._forward.solve(built._rest, Q)),
+                           axis=1)[built._m:]
+    off = {}
+    for loads in ((), (load,)):
+        built.reset()
+        found = built.step(Surface(0.0, Q, points[:built._m], loads=loads))
+        off[len(loads)] = np.linalg.norm(found.points - points[built._m:], axis=1)
+        assert (found.notice is Outcome.UNKNOWN_LOAD) == (not loads)
+    assert moved.max() > 0.1e-3
+    assert off[1].max() < 0.5 * off[0].max() and off[1].max() < 0.25 * moved.max()
+    squared = [o @ np.linalg.solve(P, o) for o, P in zip(
+        found.points - points[built._m:], found.covariance, strict=True)]
+    assert max(squared) < chi2.ppf(0.95, 3)
+
+
+def test_a_load_that_grows_is_followed_to_first_order_between_two_linearisations(block):
+    """The one that starts anew at every frame solves; the other does while `reload` lasts."""
+    params = replace(PARAMS, iterations=1, memory=1e-3, others=0.25)
+    moved, fresh = (estimator.build(block.scene, (), block.targets, block.markers, params)
+                    for _ in range(2))
+    top, solved = moved._rest[moved._rest[:, 2].argmax()], []
+    for k, force in enumerate((0.0, 0.2, 0.4, 2.0)):
+        load = load_at(top, [0.0, 0.0, -force])
+        seen = Surface(0.1 * k, Q, under(fresh, load, Q)[:moved._m], loads=(load,))
+        before = moved._at
+        fresh.reset()
+        a, b = moved.step(seen), fresh.step(seen)
+        solved.append(moved._at is not before)
+        np.testing.assert_allclose(a.points, b.points, atol=20e-6)
+    assert solved == [True, False, False, True]
+
+
+def test_markers_under_a_load_are_not_looked_at(block):
+    built = estimator.build(block.scene, (), block.targets, block.markers, PARAMS)
+    points = built._forward.points(built._forward.solve(built._rest, Q))
+    load = load_at(points[0], [0.0, 0.0, -0.2], sd=1e-3)
+    seen = points[:built._m].copy()
+    said = []
+    for off in (0.0, 0.01):
+        seen[0] = points[0] + [0.0, 0.0, 0.1 * off]
+        built.reset()
+        said.append(built.step(Surface(0.0, Q, seen, loads=(load,))).points)
+    assert np.array_equal(*said)
 
 
 def test_a_frame_that_solves_and_one_that_differentiates_are_as_good_as_both_in_one(block):
