@@ -397,8 +397,7 @@ class Procedure:
     def _depth_wanted(self):
         """Depth (m) at which the tip is level with the target, as it is now.
 
-        What the images show counts before the estimate, which knows nothing of the loads of probe
-        and needle. One of them has to be fresh, see `_fault`.
+        What the images show counts before the estimate. One of them has to be fresh, see `_fault`.
         """
         here = self.target if self._target_seen is None else self._target_seen
         depth = self._course.depth_at(self.plan.hole, here, self.plan.turn)
@@ -415,8 +414,8 @@ class Procedure:
     def _shift(self, depth):
         """The target's goal anew, by how far the tip will pass by it as the images show both.
 
-        depth : [m] at which they are level. The pads hear the estimate, which knows nothing of
-        probe and needle: its goal is where it is now, and as much further as the images say.
+        depth : [m] at which they are level. The pads hear the estimate: its goal is where it is
+        now, and as much further as the images say.
         """
         target = self._target_seen
         if not self.params.recentre or target is None or self.target is None:
