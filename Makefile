@@ -7,6 +7,8 @@ SCENARIO ?= config/scenarios/procedure.yaml
 # Another ROS installation or virtual environment that is active must not leak into this one.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
+# Without byte code every process compiles all it imports: 5 s of each node, of each command.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup scenario test validate docs clean
 

@@ -49,6 +49,7 @@ def scene():
 # Pads 1 to 3 to 5 mm, pad 1 to 8, pads 1 and 2 together, each with its speed [mm/s].
 PUSHES = (((5, 0, 0, 0), 20), ((0, 5, 0, 0), 20), ((0, 0, 5, 0), 20), ((5, 0, 0, 0), 4),
           ((8, 0, 0, 0), 20), ((5, 5, 0, 0), 20))
+FEW = (PUSHES[0], PUSHES[1], PUSHES[4])     # enough to tell stiffening: two depths, two pads
 
 
 def path_of(legs_mm):
@@ -105,13 +106,15 @@ def source():
 
 @pytest.fixture(scope='module')
 def stiffening(record):
-    return diagnose((record((STIFFENING,)),), source(), meshes=MESHES)
+    return diagnose((record((STIFFENING,), legs=FEW),), source(), meshes=MESHES)
 
 
-def test_nothing_is_missing_where_nothing_was_planted(record):
+@pytest.mark.parametrize('legs', [PUSHES[:3], pytest.param(PUSHES, marks=pytest.mark.validate)],
+                         ids=['three pushes', 'six'])
+def test_nothing_is_missing_where_nothing_was_planted(record, legs):
     """And what is done meanwhile is told."""
     said = []
-    d = diagnose((record(),), source(), meshes=MESHES,
+    d = diagnose((record(legs=legs),), source(), meshes=MESHES,
                  progress=lambda step, *_: said.append(step)).diagnosis
     assert d.verdict == 'nothing_missing' and d.causes == () and d.chance > 0.001
     assert all(fit.recalibrated < 1.5 * fit.noise_floor for fit in d.fit)

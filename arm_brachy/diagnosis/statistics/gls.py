@@ -1,6 +1,7 @@
 """Linear regression on time series with coloured noise, with errors that survive a wrong model."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import solve_triangular, toeplitz
@@ -52,6 +53,8 @@ def bridged(t, y, valid, columns, colour):
     would lend its noise to the whole gap, and what comes after would stand out from it. What
     drifts without a column for it is met as late as that. Some row has to be valid.
     """
+    if np.all(valid):
+        return np.array(y, dtype=float)
     size = np.abs(columns).max(axis=0)
     X = columns / np.where(size > 0.0, size, 1.0)
     beta = np.linalg.lstsq(X[valid], y[valid], rcond=1e-8)[0]
@@ -87,10 +90,17 @@ def whitened(t, columns, colour, valid):
     _, m = colour.innovation(period)
     if colour.share > 0.0:
         n = min(len(t), 1 + int(np.ceil(FORGOTTEN / max(-np.log(max(m, 1e-300)), 1e-2))))
-        lag = period * np.arange(n)
-        C = toeplitz(np.concatenate([[1.0], colour.correlation(lag[1:])]))
-        out[:n] = solve_triangular(np.linalg.cholesky(C), columns[:n], lower=True)
+        out[:n] = solve_triangular(_root(colour, period, n), columns[:n], lower=True)
     return np.where(valid[:, None], out, 0.0)
+
+
+@lru_cache(maxsize=24)      # the guesses of `reml`, of 4 MB at most; a series is whitened again
+def _root(colour, period, n):
+    """Cholesky factor (n, n) of the correlation of n samples; read only."""
+    lag = period * np.arange(n)
+    root = np.linalg.cholesky(toeplitz(np.concatenate([[1.0], colour.correlation(lag[1:])])))
+    root.flags.writeable = False
+    return root
 
 
 def regress(t, y, columns, valid, colour, sd):
