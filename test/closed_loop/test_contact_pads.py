@@ -11,7 +11,7 @@ from arm_brachy.core.paths import config_dir
 from arm_brachy.scenario import Scenario, resolve
 
 PATH = config_dir() / 'scenarios' / 'in_process.yaml'  # no such file; scenes are found from there
-SETTLE, DURATION = 0.5, 7.0
+SETTLE, DURATION = 0.5, 5.0
 LIMIT = 0.3e-3   # the goal of every closed loop, evaluation.assess.Goals
 GOAL = -2e-3     # m along x
 

@@ -51,7 +51,8 @@ def alarms(colour, measured, predicted=None, limits=None):
     return out, monitor
 
 
-@pytest.mark.parametrize('name', COLOURS)
+@pytest.mark.parametrize('name', [
+    'white', 'slow', pytest.param('mixed', marks=pytest.mark.validate)])
 def test_ten_minutes_of_noise_raise_no_alarm(name):
     found, _ = alarms(COLOURS[name], HOME + noise(COLOURS[name], 600.0, 1))
     assert not found

@@ -24,8 +24,8 @@ plant:
   - {{name: inclusion, centre_mm: [20, -12, 30], radius_mm: 9, ratio: 5}}
   - {{name: backlash, width_mm: 0.3}}
 tasks:
-- {{name: a, target: target_1, axes: [x], displacement_mm: [-5, 0, 0], duration_s: 6}}
-- {{name: b, target: target_1, axes: [y], displacement_mm: [0, -5, 0], duration_s: 6}}
+- {{name: a, target: target_1, axes: [x], displacement_mm: [-5, 0, 0], duration_s: 5}}
+- {{name: b, target: target_1, axes: [y], displacement_mm: [0, -5, 0], duration_s: 5}}
 """
 
 
@@ -55,7 +55,7 @@ def test_a_row_for_each_task_beside_the_row_of_the_thesis(reproduced):
         assert row['thesis_open_itae_mm_s2'] == theirs.open_loop_itae_mm_s2
         assert row['thesis_closed_itae_mm_s2'] == theirs.closed_loop_itae_mm_s2
         assert row['thesis_open_error_mm'] == theirs.open_loop_steady_state_error_mm
-        assert row['duration_s'] == pytest.approx(6.0)
+        assert row['duration_s'] == pytest.approx(5.0)
 
 
 def test_closing_the_loop_removes_the_error_of_the_model(reproduced):

@@ -1,6 +1,7 @@
 """Test of prove/trial.py with a made-up generator and detector: stages, seals, failures."""
 
 import json
+import shutil
 import sys
 from dataclasses import replace
 from importlib import import_module
@@ -34,14 +35,25 @@ def detector(spoil='pass'):
     return (sys.executable, '-P', '-c', code)
 
 
-SETUP = trial.Setup(cases=5, modes=('absolute',), beacon='drawn', workers=Workers(2), limit=20.0,
+SETUP = trial.Setup(cases=5, modes=('absolute',), beacon='drawn', workers=Workers(1), limit=20.0,
                     detector=detector())
 
 
+@pytest.fixture(scope='module')
+def ended(tmp_path_factory):
+    """Folder of a trial that went through to its end; to be looked at, and copied to change."""
+    folder = tmp_path_factory.mktemp('ended')
+    trial.run(SETUP, folder, SOURCE)
+    return folder
+
+
+@pytest.fixture
+def copied(ended, tmp_path):
+    return shutil.copytree(ended, tmp_path / 'copied')
 
 
 def test_a_trial_goes_from_draw_to_opened_truth(tmp_path):
-    setup = replace(SETUP, modes=('absolute', 'null'))
+    setup = replace(SETUP, modes=('absolute', 'null'), workers=Workers(2))
     jobs, truths, records = trial.run(setup, tmp_path, SOURCE)
     assert [job.name for job in jobs] == [f'case_{i:03d}' for i in range(5)]
     assert len(records) == 10
@@ -89,21 +101,20 @@ def test_nothing_can_be_made(tmp_path, monkeypatch):
     assert not (tmp_path / 'recordings').exists()
 
 
-def test_a_truth_that_was_changed_after_it_was_published_is_caught(tmp_path):
-    trial.run(SETUP, tmp_path, SOURCE)
-    opened = read_json(tmp_path / 'opened.json')
+def test_a_truth_that_was_changed_after_it_was_published_is_caught(copied):
+    trial.verify(TrialFolder(copied))
+    opened = read_json(copied / 'opened.json')
     opened['cases']['case_002']['truth']['labels'] = ['obstacle']
-    write_json(tmp_path / 'opened.json', opened)
+    write_json(copied / 'opened.json', opened)
     with pytest.raises(ArmBrachyError, match='case_002 is not what was published'):
-        trial.verify(TrialFolder(tmp_path))
+        trial.verify(TrialFolder(copied))
 
 
-def test_an_answer_that_was_changed_after_it_was_published_is_caught(tmp_path):
-    trial.run(SETUP, tmp_path, SOURCE)
-    path = tmp_path / 'answers' / 'absolute' / 'case_001.json'
+def test_an_answer_that_was_changed_after_it_was_published_is_caught(copied):
+    path = copied / 'answers' / 'absolute' / 'case_001.json'
     write_json(path, {**read_json(path), 'seconds': 0.0})
     with pytest.raises(ArmBrachyError, match='the answer to absolute/case_001'):
-        trial.run(SETUP, tmp_path, SOURCE)
+        trial.run(SETUP, copied, SOURCE)
 
 
 @pytest.mark.parametrize(('spoil', 'status'), [
@@ -182,12 +193,11 @@ def test_every_number_of_cases_is_shared_out_whole(cases):
     assert sum(plan.counts(cases).values()) == cases
 
 
-def test_what_the_detector_is_given_says_neither_kind_nor_date(tmp_path):
-    trial.run(SETUP, tmp_path, SOURCE)
-    given = [*(tmp_path / 'recordings').iterdir()]
+def test_what_the_detector_is_given_says_neither_kind_nor_date(ended):
+    given = [*(ended / 'recordings').iterdir()]
     assert len({path.stat().st_mtime for path in given}) == 1
     files = {tuple(sorted(str(p.relative_to(one)) for p in one.rglob('*'))) for one in given}
     assert len(files) == 1
-    published = json.dumps(read_json(tmp_path / 'published.json'))
+    published = json.dumps(read_json(ended / 'published.json'))
     assert 'backlash' not in published
     assert 'beacon' not in published

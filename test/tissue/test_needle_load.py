@@ -19,7 +19,7 @@ TEMPLATE, ALONG = np.array([-0.01, 0.031, 0.021]), np.array([1.0, 0.0, 0.0])
 
 
 def make_body():
-    mesh = quadratic_mesh(box_mesh((0.06, 0.06, 0.04), (5, 5, 4)))
+    mesh = quadratic_mesh(box_mesh((0.06, 0.06, 0.04), (5, 4, 3)))
     mu, kappa = moduli(6000.0, 0.45)
     m = len(mesh.tets)
     return SoftBody(mesh, np.full(m, mu), np.full(m, kappa), np.full(m, 1000.0),

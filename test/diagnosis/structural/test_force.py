@@ -26,9 +26,14 @@ from arm_brachy.registry import parse_terms
 
 @pytest.fixture(scope='module')
 def record(laboratory, pushes):
+    known = {}
+
     def run(*entries, seed=31, **changes):
-        lab = laboratory(parse_terms(list(entries), 'test'), seed, **changes)
-        return lab.record(pushes(speeds=(0.02,))), lab.scene
+        key = repr((entries, seed, changes))
+        if key not in known:
+            lab = laboratory(parse_terms(list(entries), 'test'), seed, **changes)
+            known[key] = lab.record(pushes(speeds=(0.02,))), lab.scene
+        return known[key]
     return run
 
 

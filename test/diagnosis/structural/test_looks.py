@@ -23,7 +23,7 @@ def evidence(laboratory, pushes):
     terms = parse_terms([{'name': 'lost_steps', 'shortfall_mm': 0.6, 'onset_s': ONSET,
                           'actuators': [1]}], 'test')
     lab = laboratory(terms, 4)
-    one = evidence_of(lab.record(pushes(pads=(0, 1) * 3, speeds=(0.02,)), rest=3.0), lab.scene)
+    one = evidence_of(lab.record(pushes(pads=(0, 1) * 2, speeds=(0.02,)), rest=3.0), lab.scene)
     optical, sd = one.streams['optical'], noise_of(one)['optical'].sd
     kept, rng = np.exp(-optical.period / MEMORY), draws(0, 'looks')
     kicks = rng.standard_normal(optical.values.shape)

@@ -31,10 +31,10 @@ def clusters(laboratory):
         def turn(t, names, points):
             out = points.copy()
             travel = (points[names.index('pad_0')] - rest['pad_0']) @ np.array(pad.direction)
+            turning = Rotation.from_rotvec(rate * travel * AXIS).as_matrix()
             for name, place in rest.items():
                 lever = place - pad.centre
-                out[names.index(name)] += Rotation.from_rotvec(rate * travel * AXIS).apply(
-                    lever) - lever + np.array((off or {}).get(name, np.zeros(3)))
+                out[names.index(name)] += turning @ lever - lever + (off or {}).get(name, 0.0)
             return out
 
         return laboratory(parse_terms(terms, 'test'), seed, markers=more, disturb=turn)
@@ -48,7 +48,8 @@ def seen(short_pushes):
     return lambda lab: look(evidence_of(lab.record(short_pushes()), lab.scene))
 
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', [
+    0, *(pytest.param(seed, marks=pytest.mark.validate) for seed in (1, 2))])
 def test_a_sound_pad_with_several_markers_has_no_findings(clusters, seen, seed):
     assert seen(clusters(seed=seed)).structure.findings == ()
 

@@ -73,15 +73,15 @@ def test_slow_noise_shows_between_rests_however_long_the_first_is(laboratory, pu
     lab = laboratory((), 4)
     evidence = evidence_of(lab.record(pushes(pads=(0, 1) * 3, speeds=(0.02,)), rest=6.0),
                            lab.scene)
-    optical, sd = evidence.streams['optical'], noise_of(evidence)['optical'].sd
+    optical, plain = evidence.streams['optical'], noise_of(evidence)['optical']
     kept, rng = np.exp(-optical.period / 8.0), draws(0, 'rests')
     kicks = rng.standard_normal(optical.values.shape)
     kicks[1:] *= np.sqrt(1.0 - kept**2)
-    slow = 0.4 * sd * lfilter([1.0], [1.0, -kept], kicks, axis=0)
+    slow = 0.4 * plain.sd * lfilter([1.0], [1.0, -kept], kicks, axis=0)
     louder = replace(evidence, streams={**evidence.streams, 'optical': replace(
         optical, values=optical.values + slow)})
     colour = noise_of(louder)['optical'].colour
-    assert noise_of(evidence)['optical'].colour.share < 0.01
+    assert plain.colour.share < 0.01
     assert colour.share == pytest.approx(0.16 / 1.16, abs=0.045) and 4.0 < colour.time < 12.0
 
 
@@ -92,6 +92,7 @@ def test_a_short_recording_has_the_colour_of_a_long_one_and_its_own_loudness(lab
                        noise=loud, noise_correlation=0.1)), rest)
                        for seed, loud, rest in ((1, 3e-4, 0.5), (2, 1.5e-4, 6.0))))
     first, second = (noise['optical'] for noise in shared_noise((short, long)))
-    assert first.colour == second.colour == noise_of(long)['optical'].colour
+    alone = noise_of(long)['optical']
+    assert first.colour == second.colour == alone.colour
     assert first.sd.mean() == pytest.approx(2.0 * second.sd.mean(), rel=0.15)
-    assert np.all(shared_noise((long,))[0]['optical'].sd == noise_of(long)['optical'].sd)
+    assert np.all(shared_noise((long,))[0]['optical'].sd == alone.sd)

@@ -26,6 +26,6 @@ def coarse():
     """Solve all on one coarse mesh."""
     with pytest.MonkeyPatch.context() as patch:
         for options in (*bodies.SOLVERS.values(), bodies.COARSE):
-            patch.setitem(options, 'size', 1.0)
+            patch.setitem(options, 'size', 1.6)
             patch.setitem(options, 'turn', 0.55)
         yield
