@@ -13,7 +13,7 @@ from arm_brachy.recording.reader import BagReader
 from arm_brachy.recording.recover import recover
 from arm_brachy.scenario import load_cell
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.wall]
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 LOSS_S = 0.25
 GROWTHS = 8  # writes after which a bag holds messages, not only its attachments
 
@@ -37,6 +37,7 @@ def growing(bag):
     return condition
 
 
+@pytest.mark.wall
 def test_a_killed_recorder_loses_at_most_a_quarter_second(short_scenario, tmp_path, ros_domain_id):
     """At one simulated second per second, what is lost in simulated time is lost in real time."""
     cell, bag, killed_at = load_cell(short_scenario), tmp_path / 'bag', []

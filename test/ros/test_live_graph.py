@@ -17,7 +17,7 @@ from arm_brachy.recording.recover import recover
 from arm_brachy.scenario import load_cell
 from arm_brachy_msgs.msg import ActuatorCommand, TickDone
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.wall]
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 OF_EVERY_NODE = {'/rosout', '/parameter_events'}
 
 
@@ -85,6 +85,7 @@ def foreign(probe):
         yield probe.create_publisher(type(msg), topic.name, offered(topic)), msg
 
 
+@pytest.mark.wall
 def test_nodes_do_what_the_table_says_strangers_are_ignored_or_end_the_run(
         short_scenario, tmp_path, probe):
     """What belongs to others too, or has a seal, is ignored; data of a sensor end the run."""

@@ -8,7 +8,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.node import Node
 
-pytestmark = [pytest.mark.ros, pytest.mark.wall]
+pytestmark = pytest.mark.ros
 
 
 @pytest.fixture
