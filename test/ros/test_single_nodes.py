@@ -37,7 +37,7 @@ def ask(node, kind, name, request, seconds=30):
 ])
 def test_bad_start_is_one_line_and_status_2(start_node, parameters, said):
     node = start_node('em_tracker', *parameters)
-    assert node.process.wait(30) == 2
+    assert node.process.wait(90) == 2
     node.finish()
     assert len(node.lines) == 1
     assert said in node.lines[0]
@@ -65,7 +65,7 @@ def test_parameters_have_description_unit_and_range(start_node, probe, short_sce
 
 def test_a_value_out_of_range_is_refused(start_node, short_scenario):
     node = start_node('em_tracker', f'scenario:={short_scenario}', 'dropout_probability:=2.0')
-    assert node.process.wait(30) == 2
+    assert node.process.wait(90) == 2
     node.finish()
     assert len(node.lines) == 1
     assert 'dropout_probability' in node.lines[0]
