@@ -30,7 +30,7 @@ scenario: setup
 
 test: setup
 	.venv/bin/ruff check .
-	.venv/bin/python -m pytest -n 2 --dist loadscope --ignore test/ros -m 'not validate'
+	.venv/bin/python -m pytest -n 2 --dist worksteal --ignore test/ros -m 'not validate'
 	.venv/bin/python -m pytest -n 3 --dist loadfile test/ros -m 'not wall and not validate'
 	.venv/bin/python -m pytest test/ros -m 'wall and not validate'
 

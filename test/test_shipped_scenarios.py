@@ -22,7 +22,8 @@ SHIPPED = sorted(path for path in (config_dir() / 'scenarios').glob('*.yaml')
                  if path.stem not in ('probe_I', 'probe_II', 'probe_III', 'probe_IV'))
 LASTS = 2.0     # s, simulated
 TOGETHER = 6    # causes in one scenario
-ALIKE = ('beam_load52',)    # as beam_gravity: for `make validate`
+# As beam_gravity; as closed_loop/test_procedure.py, and probe_scissor: for `make validate`.
+ALIKE = ('beam_load52', 'procedure')
 SCENES = config_dir() / 'scenes'
 COARSE = Overlay(mesh=MeshFile(str(SCENES / 'breast' / 'breast_600.msh')), element='linear')
 PUSH = Move('push', 10e-3, (PadTarget('pad_1', 2e-3),), hold=0.3)

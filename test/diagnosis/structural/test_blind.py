@@ -25,7 +25,7 @@ def lacking(run, start, end):
     return replace(run, encoder=Series(run.encoder.t[kept], run.encoder.values[kept]))
 
 
-@pytest.mark.parametrize('lose', [silent, lacking])
+@pytest.mark.parametrize('lose', [silent, pytest.param(lacking, marks=pytest.mark.validate)])
 def test_pads_that_moved_unseen_make_nothing_else_jump(recorded, look, lose):
     """Pushes of two pads fall into 4 s, at whose ends one of them stands elsewhere."""
     prepared, structure = look(lose(recorded(), 5.0, 9.0))

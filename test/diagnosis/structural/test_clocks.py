@@ -87,7 +87,7 @@ def moved(run, shift):
 
 
 @pytest.mark.parametrize('shift', [
-    1.0, -0.3, *(pytest.param(shift, marks=pytest.mark.validate) for shift in (-1.0, 0.4))])
+    1.0, *(pytest.param(shift, marks=pytest.mark.validate) for shift in (-1.0, -0.3, 0.4))])
 def test_clocks_farther_off_than_a_push_are_nothing_else(recorded, look, shift):
     """By one clock pads stand, by the other they move: neither noise nor gains are seen so.
 

@@ -64,7 +64,7 @@ def test_a_base_marker_that_slips_is_not_the_base_that_moves(happened):
 
 
 @pytest.mark.parametrize('back, slipped', [
-    (1.0, 0), pytest.param(0.0, 1, marks=pytest.mark.validate), (0.5, 2)])
+    (1.0, 0), *(pytest.param(*case, marks=pytest.mark.validate) for case in ((0.0, 1), (0.5, 2)))])
 def test_a_slip_is_permanent_a_press_is_undone(happened, back, slipped):
     """A press on one marker was told as two slips; one that goes half of the way back is two."""
     def press(t, names, points):
@@ -118,9 +118,10 @@ def test_a_knock_moves_all_markers(happened):
 
 
 @pytest.mark.parametrize('pair', [
-    ('tissue_0', 'tissue_1'), ('pad_0', 'pad_1'), *(
+    ('tissue_0', 'tissue_1'), *(
         pytest.param(pair, marks=pytest.mark.validate) for pair in (
-            ('base_0', 'base_1'), ('pad_0', 'tissue_1'), ('pad_2', 'base_1')))])
+            ('pad_0', 'pad_1'), ('base_0', 'base_1'), ('pad_0', 'tissue_1'),
+            ('pad_2', 'base_1')))])
 def test_markers_that_exchange_their_names_were_not_touched(happened, pair):
     def exchange(t, names, points):
         order = np.arange(len(names))
@@ -181,7 +182,8 @@ def test_what_no_laboratory_calls_a_step_is_none(laboratory, short_pushes, look,
 
 @pytest.mark.parametrize('noise', [pytest.param(0.0, marks=pytest.mark.validate), 1e-4])
 @pytest.mark.parametrize('entry', [
-    {'name': 'marker_slip', 'marker': 'pad_1', 'offset_mm': [0.0, 0.08, 0.0]},
+    pytest.param({'name': 'marker_slip', 'marker': 'pad_1', 'offset_mm': [0.0, 0.08, 0.0]},
+                 marks=pytest.mark.validate),
     {'name': 'lost_steps', 'shortfall_mm': 0.08, 'actuators': [2]}])
 def test_small_steps_of_pads_and_their_markers_are_found(laboratory, short_pushes, look, noise,
                                                          entry):

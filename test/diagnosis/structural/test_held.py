@@ -67,7 +67,8 @@ def test_what_is_not_written_twice_is_left_as_it_is(kind, values):
     assert once(one, notes) is one and notes == []
 
 
-@pytest.mark.parametrize('slow', ['encoder', 'force', 'optical'])
+@pytest.mark.parametrize('slow', ['encoder', *(
+    pytest.param(name, marks=pytest.mark.validate) for name in ('force', 'optical'))])
 def test_a_sound_recording_with_a_held_stream_has_no_findings(recorded, look, slow):
     run, every = recorded(), {'encoder': 5, 'force': 5, 'optical': 3}[slow]
     one = getattr(run, slow)

@@ -178,7 +178,7 @@ def test_play_from_inside_its_gap_closes_on_either_side():
     assert y[0] == 0.0 and y[30] == pytest.approx(2.25) and y[-1] == pytest.approx(0.25)
 
 
-@pytest.mark.parametrize('start', [0.5, 1.0])
+@pytest.mark.parametrize('start', [0.5, pytest.param(1.0, marks=pytest.mark.validate)])
 def test_where_play_begins_is_a_state_of_it(laboratory, short_pushes, look, start):
     """It was told as lost steps of half the width, or of all of it, besides."""
     entry = {'name': 'backlash', 'width_mm': 0.32, 'actuators': [1], 'start': start}

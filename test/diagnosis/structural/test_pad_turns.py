@@ -56,7 +56,7 @@ def test_a_sound_pad_with_several_markers_has_no_findings(clusters, seen, seed):
 
 @pytest.mark.parametrize('entry, name', [
     ({'name': 'actuator_gain', 'gain': -0.06}, 'gain'),
-    ({'name': 'backlash', 'width_mm': 0.4}, 'width')])
+    pytest.param({'name': 'backlash', 'width_mm': 0.4}, 'width', marks=pytest.mark.validate)])
 def test_what_an_actuator_does_is_said_once(clusters, seen, entry, name):
     """Given to the model once for every marker, it would be there three times."""
     lab = clusters(({**entry, 'actuators': [0]},))

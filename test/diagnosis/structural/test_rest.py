@@ -131,7 +131,7 @@ def swinging(amplitude, frequency, moves_with):
     return breathe
 
 
-@pytest.mark.parametrize('body', ['base', 'tissue'])
+@pytest.mark.parametrize('body', [pytest.param('base', marks=pytest.mark.validate), 'tissue'])
 def test_breathing(happened, pushes, body):
     """0.4 mm, 0.23 Hz, of all that is on the base, or of the tissue alone."""
     breathe = swinging(4e-4, 0.23, lambda name: body == 'base' or not name.startswith(
@@ -200,7 +200,7 @@ def test_long_gaps_and_frozen_values(happened):
     assert 'does not change for 0.3' in found['pad_1'].statement
 
 
-@pytest.mark.parametrize('count', [0.1, 0.5])
+@pytest.mark.parametrize('count', [pytest.param(0.1, marks=pytest.mark.validate), 0.5])
 def test_a_force_that_is_digitised_coarsely_has_not_frozen(happened, count):
     def rounded(run):
         return replace(run, force=replace(run.force,
@@ -257,7 +257,8 @@ def elsewhere(run, names, begin=0.0, optical_alone=False):
                    force=run.force.between(begin, 99.0))
 
 
-@pytest.mark.parametrize(('begin', 'optical_alone'), [(3.0, False), (3.0, True)])
+@pytest.mark.parametrize(('begin', 'optical_alone'), [
+    pytest.param(3.0, False, marks=pytest.mark.validate), (3.0, True)])
 def test_a_tracker_that_saw_no_rest_is_registered_along_the_way(recorded, look, begin,
                                                                 optical_alone):
     """Without base markers, and with pads that push as soon as there are any frames."""

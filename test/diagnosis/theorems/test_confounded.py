@@ -78,8 +78,9 @@ def lengths(cause, others):
             *others]
 
 
-@pytest.mark.parametrize(('entry', 'name'), [(SCALED, 'optical_scale'),
-                                             (LARGER, 'reference_shape')])
+@pytest.mark.parametrize(('entry', 'name'), [
+    (SCALED, 'optical_scale'),
+    pytest.param(LARGER, 'reference_shape', marks=pytest.mark.validate)])
 def test_t9_encoders_that_are_known_tie_the_length(breast, rich, judge, lengths, entry, name):
     found = judge([breast.watch(rich, entry, kinds=(OPTICAL,))], lengths)
     best, second = found.decision.ranked[:2]
