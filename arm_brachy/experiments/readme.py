@@ -34,6 +34,7 @@ PROCEDURE_FIGURES = (
     ('out_of_plane_rms_mm', 'distance of the tip from the image plane, RMS [mm]', '', 2),
     ('tip_to_target_mm', 'tip to target at the dwell [mm]', '', 2),
     ('tip_to_target_across_mm', 'of it across the needle [mm]', '', 2),
+    ('seed_to_target_mm', 'a seed left there to the target, both at rest [mm]', '', 2),
     ('frames_found_percent', 'images in which the tip is found [%]', '95', 1),
     ('localisation_rms_mm', 'tip in the image, RMS error [mm]', '0.5', 2),
     ('true_force_rms_N', 'true contact force, RMS error [N]', '0.1', 3),
@@ -90,7 +91,8 @@ def _headline(results):
     inside = {r['estimator']: r['mean_error_mm'] for r in _judged(results)
               if r['markers'] in (0, MARKERS)}
     procedures = _load(results, 'chapter-6')['rows']
-    in_plane = [r['tip_in_plane_percent'] for r in procedures]
+    in_plane, stopped = ([r[key] for r in procedures]
+                         for key in ('tip_in_plane_percent', 'tip_to_target_mm'))
     rows = (
         ('Does the closed loop reach its goals? Largest steady-state error of 15 tasks',
          f'{errors["closed"]:.3f} mm; without feedback {errors["open"]:.2f} mm',
@@ -104,6 +106,9 @@ def _headline(results):
          'within 0.5 mm of the image plane',
          f'{np.median(in_plane):.1f} % (median of {len(procedures)} insertions, '
          f'{min(in_plane):.1f} to {max(in_plane):.1f} %)',
+         '[needle and probe](docs/results/procedures.md)'),
+        ('How far from the target does the needle stop? Mean distance during the dwell',
+         f'{np.median(stopped):.2f} mm (median, {min(stopped):.2f} to {max(stopped):.2f} mm)',
          '[needle and probe](docs/results/procedures.md)'),
         ('Is the verdict right for three phantoms simulated by independent code? Cases',
          f'{right} of {planned}',
