@@ -93,6 +93,7 @@ class Procedure:
         self._held_since, self._ordered, self._pursued = None, False, False
         self._start = None       # where the target was when it was planned for first
         self._replans = 0        # how often the path was planned anew for where the pads led
+        self._kept = None        # plan and goal before that
         self._speed_back = None  # m/s that was ordered for the way out
         self._speed = None       # m/s that was ordered last of the insertion
 
@@ -138,9 +139,15 @@ class Procedure:
         self._permission, self._reason = permission, reason
 
     def refused(self, message):
-        """An order was refused: the step fails, a step of the way back goes on to the next."""
+        """An order was refused: the step fails, a step of the way back goes on to the next.
+
+        A goal that a better plan asked for is no failure: the plan before it holds.
+        """
         if self.phase in WAY_BACK:
             self._next_back()
+        elif self.phase is Phase.MOVING and self._kept is not None:
+            (self.plan, self._goal), self._kept = self._kept, None
+            self._replans = _REPLANS
         else:
             self._fail(Outcome.REJECTED, message)
 
@@ -219,6 +226,7 @@ class Procedure:
             return None
         better = self._better_plan(here)
         if better is not None:
+            self._kept = self.plan, self._goal
             self.plan, self._goal, self._calm_since = better, better.goal, None
             return [Order(Kind.SHIFT, tuple(better.goal))]
         self._enter(Phase.SCANNING)
@@ -353,7 +361,8 @@ class Procedure:
         return orders
 
     def _retracting(self):
-        if self._probe.phase in (ProbePhase.IDLE, ProbePhase.STOPPED):
+        off = self._probe.phase == ProbePhase.STOPPED and not self._probe.in_contact
+        if self._probe.phase == ProbePhase.IDLE or off:
             self._enter(Phase.HOMING)
         elif not self._ordered:
             self._ordered = True

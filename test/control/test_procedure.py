@@ -9,6 +9,7 @@ from arm_brachy.control.procedure_params import ProcedureParams
 from arm_brachy.control.procedure_steps import Kind, NeedleSeen, Phase, ProbeSeen
 from arm_brachy.control.safety import Permission
 from arm_brachy.core.outcome import Outcome
+from arm_brachy.core.probe_phase import ProbePhase
 
 TICK = 0.05
 AXIS, SIDE = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -145,6 +146,30 @@ def test_the_path_is_planned_anew_to_where_pads_lift_the_target_besides():
     assert toy.orders.count(Kind.SET_GOAL) == 1 and Kind.SHIFT in toy.orders
     assert toy.target[2] > 1e-3     # lifted: a path to where it was would miss it by as much
     assert abs(toy.procedure.plan.tip[2] - toy.target[2]) < 0.3e-3
+
+
+def test_a_better_plan_whose_goal_is_refused_is_given_up_and_nothing_else():
+    toy = Toy(rise=0.3, turn=False).run(until=Phase.MOVING)
+    while Kind.SHIFT not in toy.orders:
+        before = toy.procedure.plan
+        toy.tick()
+    toy.goal = before.goal      # as it was: the manipulator did not take the new one
+    toy.procedure.refused('out of reach')
+    assert toy.procedure.plan is before and toy.procedure.phase is Phase.MOVING
+    toy.run()
+    assert toy.procedure.outcome is Outcome.OK and toy.orders.count(Kind.SHIFT) == 1
+
+
+def test_pads_stay_while_a_stopped_probe_is_on_the_skin():
+    toy = Toy(overlay=False).run(until=Phase.WITHDRAWING)
+    seen = toy.procedure.hear_probe
+    stopped = ProbeSeen(int(ProbePhase.STOPPED), True, 0.0, Outcome.HELD, 'stopped')
+    toy.procedure.hear_probe = lambda _: seen(stopped)
+    toy.run(until=Phase.RETRACTING).run(seconds=3.0)
+    assert toy.procedure.phase is Phase.RETRACTING and Kind.RELEASE not in toy.orders
+    stopped = ProbeSeen(int(ProbePhase.STOPPED), False, 0.0, Outcome.HELD, 'stopped')
+    toy.run()
+    assert toy.procedure.phase is Phase.FINISHED and Kind.RELEASE in toy.orders
 
 
 def test_what_pads_have_done_counts_in_how_far_they_may_displace_the_target():
