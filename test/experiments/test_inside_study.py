@@ -81,7 +81,8 @@ def test_estimators_receive_encoders_and_markers_and_nothing_of_the_targets(scen
     assert given[0][0] == inside_plants.model_scene() and given[0][1] == ()
     truth = np.concatenate(pushes[0].targets)
     for surface in given[1:]:
-        assert vars(surface).keys() == {'t', 'q', 'markers', 'frame_covariance'}
+        assert vars(surface).keys() == {'t', 'q', 'markers', 'frame_covariance', 'loads'}
+        assert surface.loads == ()
         assert surface.markers.shape == (10, 3)
         near = np.linalg.norm(surface.markers[:, None] - truth, axis=2)
         assert np.nanmin(near) > 5e-3     # no marker is where a target is or was

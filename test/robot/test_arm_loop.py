@@ -12,11 +12,14 @@ from arm_brachy.robot.arm_loop import (
     POSE,
     TRIP,
     Machine,
+    Memory,
     Rules,
     Task,
     Touch,
+    packed,
     run_period,
     start_memory,
+    unpacked,
 )
 from arm_brachy.robot.force_torque import ToolLoad
 from arm_brachy.robot.impedance import Gains
@@ -57,12 +60,14 @@ class Loop:
 
     def __init__(self, posture=START):
         self.R, self.p = ARM.pose(START)
-        self.memory = start_memory(START, self.R, self.p, ARM.gravity_torque(START),
-                                   ToolLoad(TOOL.mass, TOOL.centre, np.zeros(6)))
+        self._packed = packed(start_memory(START, self.R, self.p, ARM.gravity_torque(START),
+                                           ToolLoad(TOOL.mass, TOOL.centre, np.zeros(6))))
+        self.memory = unpacked(Memory, self._packed)
         self.task = Task(POSE, self.R, self.p.copy(), np.zeros(3), np.zeros(3), 0.0,
                          PARAMS.approach_speed, 0.0, PARAMS.clearance)
-        self._fixed = (machine(np.asarray(posture)), rules(), Gains(**vars(GAINS)),
-                       SwitchedGains(**vars(PARAMS.switched)), *lead_limits(LEAD))
+        fixed = machine(np.asarray(posture)), rules(), Gains(**vars(GAINS)), SwitchedGains(
+            **vars(PARAMS.switched))
+        self._fixed = (*map(packed, fixed), *lead_limits(LEAD))
 
     def order(self, **changes):
         self.task = self.task._replace(**changes)
@@ -73,8 +78,8 @@ class Loop:
         The tissue only pushes: a wrench that pulls the face is none.
         """
         R, p = ARM.pose(self.memory.q)
-        moved = run_period(*self._fixed, self.task, Touch(R, p, wrench, FREE), self.memory,
-                           np.zeros(6), 0.0)
+        moved = run_period(*self._fixed, packed(self.task), packed(Touch(R, p, wrench, FREE)),
+                           self._packed, np.zeros(6), 0.0)
         assert self.memory.flags[TRIP] == NO_TRIP
         return moved
 
