@@ -68,6 +68,7 @@ def test_ctrl_c_ends_everything_and_keeps_the_recording(command, short_scenario,
                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     bag = tmp_path / 'run' / 'bag'
     assert wait_until(growing(bag), 90)
+    time.sleep(1.0)     # some ticks more, also beside other tests
     for _ in range(presses):
         run.send_signal(signal.SIGINT)
         time.sleep(0.3)
