@@ -96,6 +96,7 @@ class Procedure:
         self._kept = None        # plan and goal before that
         self._speed_back = None  # m/s that was ordered for the way out
         self._speed = None       # m/s that was ordered last of the insertion
+        self._begun = None       # m of depth at which the insertion began
 
     # What is heard. Times in s, positions (3,) in m.
 
@@ -320,19 +321,22 @@ class Procedure:
         if self._lasts_calm(self._there(depth)):
             self._enter(Phase.DWELLING)
             return [*orders, Order(Kind.STAY)]
-        speed = self._speed_at(depth - self._needle.depth)
+        self._begun = self._needle.depth if self._begun is None else self._begun
+        speed = self._speed_at(self._needle.depth - self._begun, depth - self._needle.depth)
         if self._stopped or abs(depth - self._depth) > _STEP or speed != self._speed:
             self._speed = speed
             orders.append(self._drive(depth, speed))
         return orders
 
-    def _speed_at(self, left):
-        """Speed [m/s] of the insertion that has `left` [m] to go: it slows down step by step.
+    def _speed_at(self, gone, left):
+        """Speed [m/s] of the insertion, `gone` [m] from its start and with `left` [m] to go.
 
-        A probe that follows the tip goes on for a while when the needle slows down at once.
+        Step by step up and down: a probe that follows the tip stays behind a needle that sets out
+        at once, and goes on for a while when it slows down at once.
         """
         p = self.params
-        share = np.clip((left - p.near) / p.near, 0.0, 1.0) if p.near > 0.0 else 1.0
+        way = min(gone, left - p.near)
+        share = np.clip(way / p.near, 0.0, 1.0) if p.near > 0.0 else 1.0
         share, slow = float(np.ceil(_SLOWING * share)) / _SLOWING, min(p.near_speed, p.speed)
         return slow + share * (p.speed - slow)
 

@@ -99,7 +99,8 @@ class ProcedureParams:
     speed: float = quantity(5.0, 'mm_s', 'of insertion', low=0.1, high=200.0,
                             source='robotic insertion: 5 to 20 mm/s')
     near: float = quantity(4.0, 'mm', 'before its depth, from which on the needle goes slowly; '
-                           'it slows down on as much before', low=0.0, high=50.0,
+                           'it slows down on as much before, and speeds up on as much after the '
+                           'start', low=0.0, high=50.0,
                            source='own choice: the images show the target by then')
     near_speed: float = quantity(2.0, 'mm_s', 'of insertion there', low=0.1, high=200.0,
                                  source='own choice: a probe that follows the tip 0.1 s late goes '
