@@ -60,6 +60,7 @@ def test_a_killed_recorder_loses_at_most_a_quarter_second(short_scenario, tmp_pa
     assert report['messages']['/clock'] > 30
 
 
+@pytest.mark.wall       # a start that is slow says what it does
 @pytest.mark.parametrize('presses', [pytest.param(1, marks=pytest.mark.validate), 2])
 def test_ctrl_c_ends_everything_and_keeps_the_recording(command, short_scenario, tmp_path,
                                                        still_alive, presses):
