@@ -274,7 +274,7 @@ OPERATOR = NodeSpec(
     'operator', "plays the clinician: sets the scenario's goals, sends the pads home; conducts a "
     'procedure',
     publishes=(TASK, NEEDLE_COMMAND, NEEDLE_AIM, PROCEDURE, *EVERYWHERE),
-    subscribes=(ACTUATORS, MANIPULATION, SAFETY, NEEDLE_STATE, NEEDLE_TIP, PROBE_STATE,
+    subscribes=(ACTUATORS, MANIPULATION, SAFETY, NEEDLE_STATE, PROBE_STATE,
                 ULTRASOUND_TIP, ULTRASOUND_TARGET, SURFACE, *ESTIMATES),
     same=('actuator_driver', 'mpc_manipulator', 'needle_driver', 'probe_controller',
           'ultrasound_imager', 'surface_scanner', *(n.name for n in ESTIMATOR_NODES)),

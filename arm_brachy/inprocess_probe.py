@@ -152,7 +152,7 @@ class ProbeSide:
         return instrument_loads(
             (step.R, step.p, step.wrench) if step.in_contact else None,
             None if state.tip_p is None else (state.tip_R, state.tip_p, state.force, state.depth),
-            ProbeFace())
+            ProbeFace(), self._cell.scenario.needle.needle.skin)
 
     def hear_mesh(self, t, x):
         """The feedback's mesh, at the rate at which it is published; the arm hears it next."""

@@ -7,8 +7,8 @@ small slopes,
 
 e is the depth of the skin, up to which it goes straight. b (2,) is the side of the bevel at depth
 u, which the turns of the base tell, and c what the tissue has bent the shaft off its path
-meanwhile. kappa and c are the mean of a normal distribution given all
-images (linear least squares with a prior).
+meanwhile. kappa and c are the mean of a normal distribution given all images (linear least squares
+with a prior).
 Valid for slopes up to 0.3 rad, where s^2 / 2 R is 0.8 % more than an arc's deflection.
 """
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from arm_brachy.core.errors import InputError
+
 NARROWEST = 5e-3     # m, sd of a load in any direction: what a mesh of the model's size resolves
 LEAST = 0.1          # N, below which a force has no centre of pressure
 UNDER = 2.5          # sds of a load's spread within which a point is under it
@@ -57,15 +59,23 @@ def needle_loads(R, p, effort, inside):
             KnownLoad(p - 0.5 * inside * along, (1.0 - TIP_SHARE) * effort * along, shaft))
 
 
-def instrument_loads(probe, needle, face):
+def instrument_loads(probe, needle, face, skin=0.0):
     """Return the KnownLoads of a cell's instruments.
 
     probe : (R, p, wrench), arguments of `probe_load`, None while it touches nothing
-    needle : (R, p, effort, inside), arguments of `needle_loads`, None outside the tissue
-    face : has width and thickness [m]
+    needle : (R, p, effort, depth), as of `needle_loads`, the depth [m] from the template on; None
+        where its tip is not told
+    face : has width and thickness [m];  skin : [m] of the needle's way before the tissue
+    Raises InputError for what is no number.
     """
-    pressing = () if probe is None else (probe_load(*probe, face.width, face.thickness),)
-    return (*pressing, *(() if needle is None else needle_loads(*needle)))
+    told = [np.ravel(part) for one in (probe, needle) if one is not None for part in one]
+    if told and not np.isfinite(np.concatenate(told)).all():
+        raise InputError('pose or force of probe or needle is no number; must be finite: look at '
+                         'force sensor and encoders; the estimate does not count on them')
+    loads = () if probe is None else (probe_load(*probe, face.width, face.thickness),)
+    if needle is not None and needle[3] > skin:
+        loads += needle_loads(*needle[:3], needle[3] - skin)
+    return loads
 
 
 def beside(loads, points):

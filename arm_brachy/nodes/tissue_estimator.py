@@ -8,7 +8,7 @@ import numpy as np
 from rclpy.node import Node
 
 from arm_brachy import cell, graph
-from arm_brachy.core.errors import CommandRefused
+from arm_brachy.core.errors import CommandRefused, InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.estimation.known_load import instrument_loads
 from arm_brachy.nodes import convert, parameters
@@ -59,7 +59,8 @@ class TissueEstimatorNode(Node):
         self._positions_pub = ticker.publisher(graph.estimate_positions(name))
         self._health = Health(self, ticker, self._frame)
         self._took, self._count, self._last = [], 0, None
-        self._instruments = {}      # topic name -> newest message
+        self._instruments = {}      # topic -> newest message
+        self._skin = setup.cell.scenario.needle.needle.skin
         for topic in spec.subscribes:
             ticker.subscribe(topic)
         ticker.start()
@@ -98,10 +99,15 @@ class TissueEstimatorNode(Node):
         state, pose, wrench, tip, needle = map(fresh.get, INSTRUMENTS)
         pressing = state is not None and state.in_contact and None not in (pose, wrench)
         inside = None not in (tip, needle)
-        self._live.bear(t_ns * 1e-9, instrument_loads(
-            (*convert.rigid(pose.pose), convert.six(wrench.wrench)) if pressing else None,
-            (*convert.rigid(tip.pose), needle.effort[0], needle.position[0]) if inside else None,
-            ProbeFace()))
+        try:
+            loads = instrument_loads(
+                (*convert.rigid(pose.pose), convert.six(wrench.wrench)) if pressing else None,
+                (*convert.rigid(tip.pose), needle.effort[0], needle.position[0]) if inside
+                else None, ProbeFace(), self._skin)
+        except InputError as refusal:
+            self._health.refuse(t_ns, Outcome.REJECTED, str(refusal))
+            loads = ()
+        self._live.bear(t_ns * 1e-9, loads)
 
     def _publish(self, estimate):
         self._count += 1

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from arm_brachy.core.errors import InputError
 from arm_brachy.estimation.known_load import (
     beside,
     instrument_loads,
@@ -63,6 +64,17 @@ def test_a_needle_drags_along_its_axis_by_what_holds_it_back():
 def test_instruments_that_touch_nothing_are_no_load():
     assert instrument_loads(None, None, FACE) == ()
     assert len(instrument_loads((R, P, np.zeros(6)), (R, P, 0.5, 0.05), FACE)) == 3
+    assert instrument_loads(None, (R, P, 0.5, 0.008), FACE, skin=0.01) == ()    # still in air
+    _, shaft = instrument_loads(None, (R, P, 0.5, 0.05), FACE, skin=0.01)
+    assert np.allclose(shaft.place, P - 0.02 * R[:, 2])
+
+
+@pytest.mark.parametrize(('probe', 'needle'), [
+    ((R, P, np.full(6, np.nan)), None), (None, (R, P, np.inf, 0.05)),
+    ((np.full((3, 3), np.nan), P, np.zeros(6)), None)])
+def test_what_is_no_number_is_refused(probe, needle):
+    with pytest.raises(InputError, match='no number'):
+        instrument_loads(probe, needle, FACE)
 
 
 def test_a_point_under_a_face_is_told_from_one_beside_it():
