@@ -145,6 +145,15 @@ def test_the_imager_shows_the_needle_and_says_where_its_tip_is(make, body):
     assert len(out['_image_pub']) == 2 and len(out['_tip_pub']) == 1    # the told tip is old
 
 
+def test_a_foretold_tip_that_is_not_two_places_is_refused_in_one_line(make):
+    node, _, tick = make(UltrasoundImagerNode)
+    said = []
+    node._health._say = lambda t_ns, outcome, message: said.append(message)
+    tick(1, NEEDLE_AIM=convert.places(TICK, 'cell_base', np.zeros((1, 3))))
+    tick(2, NEEDLE_AIM=convert.places(2 * TICK, 'cell_base', np.zeros((2, 3))))
+    assert len(said) == 1 and said[0].startswith('needle/aim: ') and 'must be two' in said[0]
+
+
 def test_the_scanner_scans_once_and_when_asked(make, body):
     node, out, tick = make(SurfaceScannerNode, _pub=1)
     tick(1)
