@@ -95,7 +95,9 @@ def test_nodes_do_what_the_table_says_strangers_are_ignored_or_end_the_run(
 
     def disturb(name, values):
         if not seen and values['t'] > 1.0:
-            wait_until(lambda: set(probe.get_node_names()) >= set(graph.CELL), 10)
+            # Discovery brings a node's name before its last endpoints.
+            wait_until(lambda: (set(probe.get_node_names()) >= set(graph.CELL)
+                                and found(probe) == wanted), 20)
             seen.append(found(probe))
             for pub, msg in harmless:
                 assert wait_until(lambda pub=pub: pub.get_subscription_count() > 0, 10)
