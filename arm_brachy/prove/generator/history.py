@@ -5,7 +5,7 @@ import numpy as np
 from scipy.interpolate import interp1d
 
 from arm_brachy.prove.generator.grid import nodes_to_dofs
-from arm_brachy.prove.generator.memory import Law, Memory, advance, prestress
+from arm_brachy.prove.generator.memory import Law, Memory, advance, prestress, soften
 from arm_brachy.prove.generator.response import PAIR_LEVEL
 from arm_brachy.prove.generator.solver import NotSolved
 from arm_brachy.prove.generator.sparse import Factor
@@ -97,11 +97,12 @@ class Chords:
         self.fixed[nodes_to_dofs(np.flatnonzero(held))] = True
         self._model, self._most, self._factors = model, most, []
 
-    def add(self, y, x, sudden=1.0, standing=None):
+    def add(self, y, x, sudden=1.0, standing=None, loss=None):
         """Factor the stiffness at unknowns x (n,), travel y (p,); the oldest may be dropped.
 
-        sudden : shear modulus (m, q) of a fast small step over the lasting one; standing:
-        stress (m, q, 3, 3) [Pa] left of the past.  How softening grows in the step is left out.
+        sudden : shear modulus (m, q) of a fast small step over the lasting one;  standing :
+        stress (m, q, 3, 3) [Pa] left of the past;  loss : (m, q) [1/Pa] of `Law.loss`. That the
+        branches soften in the step as well is left out.
         """
         cut = 3 * len(self._model.grid.nodes)
         tissue = self._model.tissue
@@ -111,13 +112,16 @@ class Chords:
         pattern = grid.pattern
         if standing is not None:
             prestress(standing, grid.mesh.tets, *grid.slopes, pattern.where, data)
+        if loss is not None:
+            tissue = self._model.tissue
+            soften(x[:cut].reshape(-1, 3), grid.mesh.tets, *grid.slopes, tissue.mu,
+                   tissue.stiffening, loss, pattern.where, data)
         factor = Factor(pattern.matrix(pattern.held(data, self.fixed)))
         self._factors = [*self._factors[1 - self._most:], (y, factor)]
 
     def step(self, y, residual):
-        """Step (n,) against a residual (n,) by the factor made nearest to travel y (p,)."""
-        apart = [np.abs(y - place).max() for place, _ in self._factors]
-        factor = self._factors[int(np.argmin(apart))][1]
+        """Step (n,) against a residual (n,) by the latest factor made nearest to travel y (p,)."""
+        _, factor = min(reversed(self._factors), key=lambda made: np.abs(y - made[0]).max())
         return -factor.solve(np.where(self.fixed, 0.0, residual))
 
 
@@ -151,8 +155,8 @@ def settle(model, law, memory, plain, guess, dt, y, chords, tol=5e-6, most=24):
             guess, last = guess - 0.75 * last, 0.25 * last
             continue
         if not size < 0.7 * before and size > tol:
-            chords.add(y, plain + guess, law.sudden(after, dt),
-                       law.standing(after, dt))
+            chords.add(y, plain + guess, law.sudden(after, dt), law.standing(after, dt),
+                       law.loss(memory, after))
             before = np.inf
             continue
         guess, before, last = guess + step, size, step

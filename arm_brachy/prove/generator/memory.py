@@ -39,6 +39,11 @@ class Law:
         """Shear modulus (m, q) of a small step in dt [s], over that of fresh tissue at length."""
         return self.kept(memory) * (1 + self.steps(dt)[1].sum())
 
+    def loss(self, before, after):
+        """Share (m, q) of the modulus that softening takes per energy [1/Pa], where it grows."""
+        rate = self.damage / self.energy * np.exp(-after.energy / self.energy)
+        return np.where(after.energy > before.energy, rate, 0.0)
+
     def standing(self, memory, dt):
         """Stress (m, q, 3, 3) [Pa] left of the past at the end of a step dt [s] to `memory`."""
         past = memory.branches.sum(0) - self.steps(dt)[1].sum() * memory.stress
@@ -115,6 +120,29 @@ def prestress(H, tets, dn, vol, where, data):
                         at = where[e, 3 * n + i, 3 * o + i]
                         if at >= 0:
                             data[at] += k
+
+
+@njit(cache=True)
+def soften(u, tets, dn, vol, mu, c, loss, where, data):
+    """Take from `data` what softening that grows takes of the stiffness at displacement u.
+
+    mu, c : of the energy that softens;  loss : (m, q) [1/Pa], see `Law.loss`
+    """
+    plain = np.zeros(3)
+    for e in range(tets.shape[0]):
+        for q in range(vol.shape[1]):
+            if loss[e, q] == 0.0:
+                continue
+            F = deformation(u, tets[e], dn[e, q])
+            J, C = cofactor(F)
+            pull = dn[e, q] @ stress(F, J, C, mu[e, q], c[e, q], 0.0, plain).T
+            for n in range(tets.shape[1]):
+                for o in range(tets.shape[1]):
+                    for i in range(3):
+                        for j in range(3):
+                            at = where[e, 3 * n + i, 3 * o + j]
+                            if at >= 0:
+                                data[at] -= vol[e, q] * loss[e, q] * pull[n, i] * pull[o, j]
 
 
 def advance(model, law, memory, u, dt):
