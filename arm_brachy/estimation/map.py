@@ -64,9 +64,9 @@ class MapParams:
                                  'unknown load moves it by: the model is linearised without it',
                                  low=0.0, high=10.0, source='plants under a probe, README.md, '
                                  'section 4')
-    known_error: float = quantity(0.15, '', 'the same as a share of what a known load moves it by',
-                                  low=0.0, high=10.0, source='plants under a probe, README.md, '
-                                  'section 4')
+    known_error: float = quantity(0.15, '', 'sd of the place of a target or marker, as a share of '
+                                  'what a known load moves it by', low=0.0, high=10.0,
+                                  source='plants under a probe, README.md, section 4')
     reload: float = quantity(1.5, 'N', 'change of the known loads over which one linearisation '
                              'serves, summed over the nodes', low=0.0, high=100.0,
                              source='a probe of 3 N that has gone on by some 3 mm: what a load '

@@ -142,7 +142,15 @@ def _measurement(at, surface, own):
 
 def own_variance(at, params):
     """(m,) [m^2] per coordinate of what each marker is off by for good."""
-    return params.offset**2 + (params.marker_local * at.strain[:at.markers])**2
+    return (params.offset**2 + (params.marker_local * at.strain[:at.markers])**2
+            + by_known(at, params)[:at.markers])
+
+
+def by_known(at, params):
+    """(w,) [m^2] per coordinate of what the model gets wrong of what known loads do to a point."""
+    if at.pressed is None:
+        return np.zeros(len(at.points))
+    return (params.known_error * np.linalg.norm(at.pressed, axis=1))**2
 
 
 def target_state(at, state, params):
@@ -158,9 +166,7 @@ def target_state(at, state, params):
     # A load acts where the model was not linearised: what it moves is known to a share only.
     pressed = (B[:, at.by_loads] @ state.average()[at.by_loads]).reshape(-1, 3)
     local += np.repeat((params.load_error * np.linalg.norm(pressed, axis=1))**2, 3)
-    if at.pressed is not None:
-        by_known = np.linalg.norm(at.pressed[at.markers:], axis=1)
-        local += np.repeat((params.known_error * by_known)**2, 3)
+    local += np.repeat(by_known(at, params)[at.markers:], 3)
     return points, params.inflation * (state.covariance(B) + np.diag(local))
 
 

@@ -61,10 +61,9 @@ class PriorParams:
     faces: float = quantity(0.15, '', 'sd of the share of its travel by which a pad falls short '
                             'at its rim, in each of five terms around it', low=0.0,
                             source=_FITTED)
-    give: float = quantity(0.4, '', 'sd of how much more or less the tissue gives under a known '
+    give: float = quantity(0.2, '', 'sd of how much more or less the tissue gives under a known '
                            'load than the model, as a share', low=0.0, high=10.0,
-                           source='moduli of phantoms of one kind differ by as much; pushes by '
-                                  'pads do not show them')
+                           source='plants under a probe, README.md, section 4')
     load: float = quantity(1.0, 'N', 'sd of an unknown load at each of load_places of the skin, '
                            'in x, y and z', low=0.0, source='an ultrasound probe presses with '
                            '3 N')
