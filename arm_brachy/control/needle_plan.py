@@ -3,7 +3,7 @@
 The tip of a bevel needle leaves the axis of its hole along a known arc. A plan chooses hole h,
 roll r of the base and the depth u at which the base is turned by half a turn, so that the tip at
 the target's depth lies where pads can bring the target:
-    miss = h + c(r, s, u) - p_target,   across the needle
+    off = h + c(r, s, u) - p_target,   across the needle
 is what is left to do. Its part on the axes that pads control becomes the target's displacement,
 the rest stays as an error. c(r, s, u) is the course of the tip from the hole at depth s.
 
@@ -100,15 +100,16 @@ def unlike(depth, turn, skin=0.0):
             - np.maximum(depth - np.maximum(turn, skin), 0.0) ** 2)
 
 
-def plan(holes, needle, target, *, axes, reach, hole=(), start=None, unturned=None):
+def plan(holes, needle, target, *, axes, reach, miss=np.inf, hole=(), start=None, unturned=None):
     """Return the NeedlePlan to a target.
 
     holes : (columns, rows, 3) [m];  needle : NeedleCourse
     target : (3,) [m] where it is;  axes : (3,) bool, of the pads
     reach : [m] largest displacement of the target;  hole : (column, row) to use, empty = any
+    miss : [m] by which the path may pass the target
     start : (3,) from where pads have displaced the target, None = they have not
     unturned : [m] last part of the way on which the needle is not turned over; None = nowhere
-    Raises NoPlan: no such hole, needle too short, target out of reach.
+    Raises NoPlan: no such hole, needle too short, target out of reach or passed by.
     """
     chosen = _chosen(holes, hole)
     turns = _turns(float((target - holes[chosen[0]]) @ needle.axis), needle.skin, unturned)
@@ -124,11 +125,12 @@ def plan(holes, needle, target, *, axes, reach, hole=(), start=None, unturned=No
     ends = np.array([about.apply(needle.offset(0.0, s, u))
                      for s, u in zip(depths, turns, strict=True)])      # (turn, roll, 3)
     places = np.array([holes[c] for c in chosen])
-    miss = places[:, None, None] + ends - target                        # (hole, turn, roll, 3)
-    miss = miss - (miss @ needle.axis)[..., None] * needle.axis
+    off = places[:, None, None] + ends - target                         # (hole, turn, roll, 3)
+    off = off - (off @ needle.axis)[..., None] * needle.axis
     so_far = np.zeros(3) if start is None else target - start
     spread = SPREAD * np.abs(unlike(depths, turns, needle.skin))
-    (h, u, r), moved, left = _best(miss, spread, np.asarray(axes), needle.axis, reach, so_far)
+    (h, u, r), moved, left = _best(off, spread, np.asarray(axes), needle.axis, reach,
+                                   miss, so_far)
     goal = target + moved
     depth = needle.depth_at(places[h], goal, turns[u])      # pads may move it along the needle
     column, row = chosen[h]
@@ -164,15 +166,21 @@ def _by_pads(axes, axis):
     return along_axes @ np.linalg.pinv((np.eye(3) - np.outer(axis, axis)) @ along_axes)
 
 
-def _best(miss, spread, axes, axis, reach, so_far):
+def _best(off, spread, axes, axis, reach, miss, so_far):
     """((hole, turn, roll) that cost least, what the pads move (3,), what is left) [m]."""
-    moved = miss @ _by_pads(axes, axis).T
+    moved = off @ _by_pads(axes, axis).T
     across = moved - (moved @ axis)[..., None] * axis
-    left = np.linalg.norm(miss - across, axis=-1)
+    left = np.linalg.norm(off - across, axis=-1)
     effort = np.linalg.norm(moved + np.where(axes, so_far, 0.0), axis=-1)
     if effort.min() > reach:
         raise NoPlan(Outcome.INFEASIBLE, f'the target would have to move {1e3 * effort.min():.1f} '
                      f'mm; allowed {1e3 * reach:g} mm: choose another hole')
+    nearest = left[effort <= reach].min()
+    if nearest > miss:
+        raise NoPlan(Outcome.INFEASIBLE, f'the needle would pass the target by {1e3 * nearest:.1f} '
+                     f'mm, where no pad moves it; allowed {1e3 * miss:g} mm: choose another hole '
+                     'or move the template')
     cost = left**2 + EFFORT * effort**2 + spread[:, None] ** 2
-    best = np.unravel_index(int(np.where(effort <= reach, cost, np.inf).argmin()), cost.shape)
+    good = (effort <= reach) & (left <= miss)
+    best = np.unravel_index(int(np.where(good, cost, np.inf).argmin()), cost.shape)
     return best, moved[best], float(left[best])

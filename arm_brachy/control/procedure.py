@@ -215,7 +215,7 @@ class Procedure:
         if self._start is None:
             self._start = here
         return plan(self._holes, self._course, here + self._press, axes=self._axes,
-                    reach=self.params.reach, hole=self.params.hole,
+                    reach=self.params.reach, miss=self.params.miss, hole=self.params.hole,
                     start=self._start + self._press,
                     unturned=self.params.view if self.params.turn else None)
 
@@ -230,8 +230,19 @@ class Procedure:
             self._kept = self.plan, self._goal
             self.plan, self._goal, self._calm_since = better, better.goal, None
             return [Order(Kind.SHIFT, tuple(better.goal))]
+        passes = self._passes(here)
+        if passes > self.params.miss:
+            self._fail(Outcome.INFEASIBLE, f'the needle would pass the target by '
+                       f'{1e3 * passes:.1f} mm where the pads have brought it; allowed '
+                       f'{1e3 * self.params.miss:g} mm: choose another hole')
+            return None
         self._enter(Phase.SCANNING)
         return [Order(Kind.ARRIVED)]
+
+    def _passes(self, here):
+        """[m] by which the planned path passes a target that is `here`, where no pad moves it."""
+        off = np.where(self._axes, 0.0, self.plan.tip - here - self._press)
+        return float(np.linalg.norm(off - self._course.axis * (self._course.axis @ off)))
 
     def _better_plan(self, here):
         """A NeedlePlan that ends nearer to a target that the pads have brought `here`, or None.
@@ -240,14 +251,12 @@ class Procedure:
         """
         if self._replans == _REPLANS:
             return None
-        off = np.where(self._axes, 0.0, self.plan.tip - here - self._press)
-        off = np.linalg.norm(off - self._course.axis * (self._course.axis @ off))
         try:
             better = self._planned(here)
         except NoPlan:      # the one that there is holds
             return None
         self._replans += 1
-        return better if off - better.left > _SHIFT else None
+        return better if self._passes(here) - better.left > _SHIFT else None
 
     def _scanning(self):
         if not self._ordered:

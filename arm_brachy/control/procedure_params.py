@@ -85,6 +85,9 @@ class ProcedureParams:
                           'will be', default=False)
     reach: float = quantity(8.0, 'mm', 'largest displacement of the target by the pads', low=0.0,
                             high=50.0, source='tasks of 5 mm and their diagonal, thesis ch. 3')
+    miss: float = quantity(2.0, 'mm', 'by which the planned path may pass the target, where no '
+                           'pad moves it', low=0.0, high=50.0,
+                           source='own choice: four times what the tip may be off the image plane')
     tolerance: float = quantity(0.5, 'mm', 'distance from its goal at which the target has '
                                            'arrived', low=0.01, high=10.0,
                                 source='twice the steady-state error of target_1_markers')

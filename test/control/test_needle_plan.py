@@ -33,9 +33,9 @@ def grid(n=5):
 
 
 def planned(target, offset=arc, length=0.2, axes=(True, True, False), reach=0.008, hole=(),
-            unturned=None):
+            unturned=None, miss=np.inf):
     return plan(grid(), NeedleCourse(AXIS, SIDE, length, offset), np.array(target, float),
-                axes=axes, reach=reach, hole=hole, unturned=unturned)
+                axes=axes, reach=reach, miss=miss, hole=hole, unturned=unturned)
 
 
 def test_a_straight_needle_takes_the_nearest_hole_and_the_pads_do_the_rest():
@@ -123,11 +123,23 @@ def test_the_goal_moves_across_the_needle_only_and_within_reach():
     ({'length': 0.05}, Outcome.NO_PLAN, 'needle 50 mm long'),
     ({'hole': (5, 0)}, Outcome.NO_PLAN, 'hole 5, 0; the template has columns 0 to 4'),
     ({'hole': (0, 0), 'reach': 1e-4, 'offset': straight}, Outcome.INFEASIBLE, 'allowed 0.1 mm'),
+    ({'hole': (2, 4), 'offset': straight, 'miss': 9e-3}, Outcome.INFEASIBLE,
+     'would pass the target by 10.0 mm, .* allowed 9 mm: choose another hole'),
 ])
 def test_what_cannot_be_is_named(given, outcome, said):
     with pytest.raises(NoPlan, match=said) as why:
         planned((0.0, 0.0, 0.0), **given)
     assert why.value.outcome is outcome
+
+
+def test_a_path_that_passes_the_target_by_little_enough_is_taken_though_another_moves_it_less():
+    """Straight: row 2 hits the target; its column 2 costs the pads least, 0 most but in reach."""
+    for hole in ((2, 2), (1, 2)):
+        assert planned((0.0, 0.0, 1e-3), straight, hole=hole, miss=1.1e-3).left <= 1.1e-3
+    free = planned((0.0, 0.0, 2.4e-3), straight, miss=2.45e-3)
+    assert free.left == pytest.approx(2.4e-3)
+    with pytest.raises(NoPlan, match='would pass the target by 2.4 mm'):
+        planned((0.0, 0.0, 2.4e-3), straight, miss=2.3e-3)
 
 
 def test_a_target_behind_the_template_is_named():

@@ -148,6 +148,32 @@ def test_the_path_is_planned_anew_to_where_pads_lift_the_target_besides():
     assert abs(toy.procedure.plan.tip[2] - toy.target[2]) < 0.3e-3
 
 
+def straight(**given):
+    """A Toy whose needle is planned to go straight."""
+    toy = Toy(overlay=False, **given)
+    toy.procedure._course = NeedleCourse(AXIS, SIDE, 0.2, lambda roll, depth, turn: depth * AXIS)
+    return toy
+
+
+def test_a_path_that_passes_the_target_by_more_than_allowed_is_not_begun():
+    """Holes 5 mm apart, a target between two of them: 2.5 mm aside of each."""
+    for miss, outcome in ((2.6e-3, Outcome.OK), (2.4e-3, Outcome.INFEASIBLE)):
+        toy = straight(miss=miss)
+        toy.target = np.array([0.0, 0.0, 2.5e-3])
+        toy.run(until=Phase.PLACING)
+        assert toy.procedure.outcome is outcome
+        assert (Kind.PLACE in toy.orders) == (outcome is Outcome.OK)
+    assert 'pass the target by 2.5 mm' in toy.procedure.message
+    assert Kind.DRIVE not in toy.orders
+
+
+def test_pads_that_lift_the_target_beyond_what_a_needle_may_pass_it_by_end_the_procedure():
+    toy = straight(rise=0.5, miss=0.5e-3, hole=(1, 1)).run()
+    assert toy.procedure.outcome is Outcome.INFEASIBLE and Kind.PLACE not in toy.orders
+    assert toy.procedure.message.startswith('moving: the needle would pass the target by ')
+    assert toy.home and toy.procedure.phase is Phase.FINISHED
+
+
 def test_a_better_plan_whose_goal_is_refused_is_given_up_and_nothing_else():
     toy = Toy(rise=0.3, turn=False).run(until=Phase.MOVING)
     while Kind.SHIFT not in toy.orders:

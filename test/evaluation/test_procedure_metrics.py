@@ -175,6 +175,13 @@ def test_goals_are_met_or_missed_or_cannot_be_judged():
     assert {g.met for g in nothing[1:]} == {None}
 
 
+def test_a_needle_that_stops_beside_the_target_misses_a_goal_where_the_target_is_known():
+    for aside, met in ((1.5e-3, True), (1.7e-3, False)):
+        goals = procedure_targets(assess_procedure(run(), still(0.0, 0.02, aside)))
+        (hit,) = (g for g in goals if g.name == 'tip to target at the dwell')
+        assert hit.met is met and hit.value == pytest.approx(1e3 * aside)
+
+
 def test_the_row_has_every_number_with_its_unit():
     row = procedure_row(assess_procedure(run(), still(0, 0.02, 0.001)))
     assert row['tip_in_plane_percent'] == 100.0
