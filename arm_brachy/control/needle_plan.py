@@ -177,9 +177,9 @@ def _best(off, spread, axes, axis, reach, miss, so_far):
                      f'mm; allowed {1e3 * reach:g} mm: choose another hole')
     nearest = left[effort <= reach].min()
     if nearest > miss:
-        raise NoPlan(Outcome.INFEASIBLE, f'the needle would pass the target by {1e3 * nearest:.1f} '
-                     f'mm, where no pad moves it; allowed {1e3 * miss:g} mm: choose another hole '
-                     'or move the template')
+        raise NoPlan(Outcome.INFEASIBLE, 'the needle would pass the target by '
+                     f'{1e3 * nearest:.1f} mm, where no pad moves it; allowed {1e3 * miss:g} mm: '
+                     'choose another hole or move the template')
     cost = left**2 + EFFORT * effort**2 + spread[:, None] ** 2
     good = (effort <= reach) & (left <= miss)
     best = np.unravel_index(int(np.where(good, cost, np.inf).argmin()), cost.shape)

@@ -182,6 +182,8 @@ class Procedure:
     def figures(self):
         """What a recording keeps of the step and of the plan: name -> text, SI."""
         out = {'phase': self.phase.value, 'outcome': self.outcome.name}
+        if self.message:
+            out['message'] = self.message
         if self.plan is not None:
             out |= {'hole': f'{self.plan.column} {self.plan.row}',
                     'hole_m': _numbers(self.plan.hole), 'roll_rad': f'{self.plan.roll:.6g}',

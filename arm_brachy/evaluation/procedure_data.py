@@ -35,7 +35,7 @@ class ArmPicture:
 class ProcedureData:
     """A run of a procedure. World frame, SI; a part that was not recorded is None or empty.
 
-    steps : (t [s], mapping) each time a step began: phase, outcome, plan
+    steps : (t [s], mapping) each time a step began: phase, outcome, why it is not OK, plan
     needle : Series of depth, speed, force as measured (n, 3)
     roll : Series (n,) [rad] of the needle's base
     tip, axis : Series (n, 3) of the true tip, and of the true direction there
@@ -89,6 +89,11 @@ class ProcedureData:
         Empty if none has.
         """
         return next((said for _, said in reversed(self.steps) if 'hole_m' in said), {})
+
+    @property
+    def message(self):
+        """Why the outcome is not OK, '' if it is."""
+        return self.steps[-1][1].get('message', '') if self.steps else ''
 
     @property
     def outcome(self):

@@ -46,11 +46,13 @@ _TURNED = 1e-3       # rad between two samples that make a turn
 class ProcedureMetrics:
     """Numbers of a procedure, SI; NaN where they cannot be said.
 
-    outcome : name;  duration : [s];  in_plane : share of the insertion within IN_PLANE
+    outcome : name;  message : why it is not OK, '' if it is;  duration : [s]
+    in_plane : share of the insertion within IN_PLANE
     found : share of the frames of the insertion in which the tip was found
     """
 
     outcome: str
+    message: str
     duration: float
     insertion: float
     insertion_length: float
@@ -98,7 +100,7 @@ def assess_procedure(data, target, tissue=None):
     tissue : timeseries.Tissue, for the place of a seed; None = not known
     """
     values = {f.name: np.nan for f in fields(ProcedureMetrics)}
-    values['outcome'] = data.outcome
+    values |= {'outcome': data.outcome, 'message': data.message}
     if data.steps:
         values['duration'] = data.steps[-1][0] - data.steps[0][0]
     inserting, dwelling = data.when('inserting'), data.when('dwelling')
@@ -283,7 +285,8 @@ def procedure_row(numbers):
     """One flat dict, units in the keys."""
     n = numbers
     return {
-        'outcome': n.outcome, 'duration_s': n.duration, 'insertion_s': n.insertion,
+        'outcome': n.outcome, **({'why': n.message} if n.message else {}),
+        'duration_s': n.duration, 'insertion_s': n.insertion,
         'insertion_length_mm': n.insertion_length * MM, 'turns': n.turns,
         'tip_in_plane_percent': 100 * n.in_plane, 'out_of_plane_rms_mm': n.plane_rms * MM,
         'out_of_plane_largest_mm': n.plane_largest * MM,

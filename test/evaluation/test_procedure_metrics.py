@@ -186,3 +186,11 @@ def test_the_row_has_every_number_with_its_unit():
     row = procedure_row(assess_procedure(run(), still(0, 0.02, 0.001)))
     assert row['tip_in_plane_percent'] == 100.0
     assert row['tip_to_target_mm'] == pytest.approx(1.0) and len(row) == 29
+
+
+def test_the_row_of_a_failed_procedure_says_why():
+    steps = (*STEPS[:1], (2.0, {'phase': 'finished', 'outcome': 'INFEASIBLE',
+                                'message': 'choose another hole'}))
+    row = procedure_row(assess_procedure(ProcedureData(steps=steps), None))
+    assert row['outcome'] == 'INFEASIBLE' and row['why'] == 'choose another hole'
+    assert 'why' not in procedure_row(assess_procedure(run(), None))
