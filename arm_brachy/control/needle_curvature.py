@@ -3,12 +3,13 @@
 A bevel tip bends by kappa to the side that the bevel has, so that across the axis of its hole, for
 small slopes,
 
-    p(s) = kappa D(s) + c,    D(s) = integral over u from e to s of (s - u) b(u) du
+    p(s) = kappa D(s) + c + m(t),    D(s) = integral over u from e to s of (s - u) b(u) du
 
 e is the depth of the skin, up to which it goes straight. b (2,) is the side of the bevel at depth
 u, which the turns of the base tell, and c what the tissue has bent the shaft off its path
-meanwhile. kappa and c are the mean of a normal distribution given all images (linear least squares
-with a prior).
+meanwhile. m is what comes and goes, as a breath does, and what images that follow each other are
+off by together: an Ornstein-Uhlenbeck process. kappa and c are the mean of a normal distribution
+given all images (Kalman filter).
 Valid for slopes up to 0.3 rad, where s^2 / 2 R is 0.8 % more than an arc's deflection.
 """
 
@@ -16,7 +17,9 @@ import numpy as np
 
 SPREAD = 0.85       # [1/m] of kappa about the nominal one, sd: 1.5 to 5 are published
 ASIDE = 0.7e-3      # [m] of c, sd: half of what a probe of 3 N bends 18 G by
-SEEN = 0.5e-3       # [m] of a tip in an image, sd: its goal; images share much of their error
+SHARED = 0.3e-3     # [m] of m, sd: what tips in images are off by (docs/results/procedures.md)
+LASTS = 1.0         # [s] in which m is another: a quarter of a breath
+SEEN = 0.2e-3       # [m] of a tip in an image by itself, sd: two pixels
 
 
 class NeedleCurvature:
@@ -32,8 +35,9 @@ class NeedleCurvature:
         self._hole, self._axis = np.asarray(hole, dtype=float), np.asarray(axis, dtype=float)
         self._across = np.array([side, np.cross(axis, side)])
         self._turns = [(skin, roll)]
-        self._mean = np.array([kappa, 0.0, 0.0])
-        self._covariance = np.diag([SPREAD, ASIDE, ASIDE]) ** 2
+        self._mean = np.array([kappa, 0.0, 0.0, 0.0, 0.0])
+        self._covariance = np.diag([SPREAD, ASIDE, ASIDE, SHARED, SHARED]) ** 2
+        self._t = None
 
     @property
     def kappa(self):
@@ -44,14 +48,24 @@ class NeedleCurvature:
         """The base was turned to `roll` [rad] at a depth [m]."""
         self._turns.append((max(depth, self._turns[0][0]), roll))
 
-    def seen(self, depth, tip):
-        """The tip is at (3,) [m] in an image while the needle is at a depth [m]."""
-        H = np.column_stack([self._reach(depth), np.eye(2)])
+    def seen(self, t, depth, tip):
+        """The tip is at (3,) [m] in an image at t [s] while the needle is at a depth [m]."""
+        self._forget(0.0 if self._t is None else t - self._t)
+        self._t = t
+        H = np.column_stack([self._reach(depth), np.eye(2), np.eye(2)])
         off = self._across @ (np.asarray(tip, dtype=float) - self._hole)
         S = H @ self._covariance @ H.T + SEEN**2 * np.eye(2)
         gain = np.linalg.solve(S, H @ self._covariance).T
         self._mean = self._mean + gain @ (off - H @ self._mean)
         self._covariance = self._covariance - gain @ H @ self._covariance
+
+    def _forget(self, dt):
+        """Of m, over dt [s]."""
+        kept = np.exp(-dt / LASTS)
+        scale = np.array([1.0, 1.0, 1.0, kept, kept])
+        self._mean = scale * self._mean
+        self._covariance = np.outer(scale, scale) * self._covariance + np.diag(
+            [0.0, 0.0, 0.0, 1.0, 1.0]) * SHARED**2 * (1.0 - kept**2)
 
     def ahead(self, depth, now=None, roll=None):
         """Return (3,) [m] how far from the axis of its hole the tip will be at a depth [m].
@@ -59,7 +73,7 @@ class NeedleCurvature:
         now, roll : if its base is turned to `roll` [rad] at a depth `now` [m]; None = it is not
         """
         more = [] if now is None else [(now, roll)]
-        return (self._mean[0] * self._reach(depth, more) + self._mean[1:]) @ self._across
+        return (self._mean[0] * self._reach(depth, more) + self._mean[1:3]) @ self._across
 
     def across(self, vector):
         """Parts (2,) of a vector (3,) to the side of roll 0, and of a quarter turn."""

@@ -120,7 +120,7 @@ class Procedure:
         if np.all(np.isfinite(p)):
             self._tip_seen = t
             if self.phase is Phase.INSERTING:
-                self._curvature.seen(self._needle.depth, p)
+                self._curvature.seen(t, self._needle.depth, p)
 
     def hear_target_image(self, t, p):
         """Where the images show the target."""
