@@ -132,14 +132,13 @@ def test_what_cannot_be_is_named(given, outcome, said):
     assert why.value.outcome is outcome
 
 
-def test_a_path_that_passes_the_target_by_little_enough_is_taken_though_another_moves_it_less():
-    """Straight: row 2 hits the target; its column 2 costs the pads least, 0 most but in reach."""
-    for hole in ((2, 2), (1, 2)):
-        assert planned((0.0, 0.0, 1e-3), straight, hole=hole, miss=1.1e-3).left <= 1.1e-3
-    free = planned((0.0, 0.0, 2.4e-3), straight, miss=2.45e-3)
-    assert free.left == pytest.approx(2.4e-3)
-    with pytest.raises(NoPlan, match='would pass the target by 2.4 mm'):
-        planned((0.0, 0.0, 2.4e-3), straight, miss=2.3e-3)
+@pytest.mark.parametrize(('miss', 'column'), [(np.inf, 0), (2.2e-3, 0), (2.0e-3, 1)])
+def test_a_path_that_passes_by_too_far_is_not_taken_though_the_pads_would_do_less(miss, column):
+    """Straight: hole 0 passes by 2.1 mm, the pads at rest; hole 1 by 1 mm, after a push of 15."""
+    holes = np.array([[(-0.1, 0.0, 2.1e-3)], [(-0.1, 15e-3, 1e-3)]])
+    found = plan(holes, NeedleCourse(AXIS, SIDE, 0.2, straight), np.zeros(3),
+                 axes=(True, True, False), reach=0.02, miss=miss)
+    assert found.column == column and found.left <= miss
 
 
 def test_a_target_behind_the_template_is_named():
