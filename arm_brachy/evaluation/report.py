@@ -143,8 +143,9 @@ def _what_ran(run):
         lasting = p.steps[-1][0] - p.steps[0][0]
         hole = p.plan.get('hole', '').replace(' ', ', ')
         where = f' through hole {hole}' if hole else ''
+        why = f' Why it failed: {p.message}.' if p.message else ''
         return (f'Procedure on {p.target}{where}: {p.strategy} strategy, {p.control} control, '
-                f'{"with" if p.overlay else "without"} overlay; {lasting:.1f} s.')
+                f'{"with" if p.overlay else "without"} overlay; {lasting:.1f} s.{why}')
     modes = sorted({task.mode.replace('_', ' ') for task in run.tasks})
     targets = sorted({task.target for task in run.tasks})
     lasted = f'{last - first:.1f} s recorded' if np.isfinite(last - first) else 'nothing recorded'
@@ -214,6 +215,8 @@ def _procedure_grid(numbers):
         return Grid()
     rows = []
     for key, value in procedure_row(numbers.procedure).items():
+        if key == 'why':    # a sentence, which the verdict has
+            continue
         name, unit = _named(key)
         text = value if isinstance(value, str) else number(value, 3)
         rows.append((Cell(name), Cell(f'{text} {unit}'.strip())))

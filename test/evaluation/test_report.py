@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 import pytest
 
 from arm_brachy.evaluation import assess, report, residual_report
+from arm_brachy.evaluation.procedure_data import ProcedureData
 from arm_brachy.evaluation.timeseries import MoveWindow
 
 VOID = {'meta', 'img', 'br', 'link', 'hr', 'input'}
@@ -98,6 +99,17 @@ def test_run_that_meets_its_goals_says_so(run, tmp_path):
     good = dataclasses.replace(run, topics=kept, tasks=run.tasks[:1], tissue=None, force=None)
     text = read(report.write_report(good, assess.assess(good), tmp_path / 'good.html'))[1]
     assert 'All 2 goals met.' in text
+
+
+def test_a_procedure_that_failed_says_why_in_the_verdict_once(run, tmp_path):
+    why = 'registering: choose another hole'
+    steps = ((0.0, {'phase': 'registering', 'outcome': 'OK'}),
+             (2.0, {'phase': 'finished', 'outcome': 'INFEASIBLE', 'message': why}))
+    failed = dataclasses.replace(run, procedure=ProcedureData(
+        steps=steps, target='target_1', strategy='orientation', control='impedance'))
+    text = read(report.write_report(failed, assess.assess(failed), tmp_path / 'failed.html'))[1]
+    assert 'without overlay; 2.0 s. Why it failed: registering: choose another hole.' in text
+    assert text.count(why) == 1
 
 
 def test_residual_report_is_unadorned(replay, tmp_path):
