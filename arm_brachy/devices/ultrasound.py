@@ -5,7 +5,8 @@ echoes. In the probe's frame (x along the elements, y across the image plane, z 
 of amplitude a at (x, y, z) adds to the complex baseband signal
     s(X, Z) = a exp(-y^2 / (2 sy^2)) exp(-(X-x)^2 / (2 sx^2) - (Z-z)^2 / (2 sz^2)) exp(2 i k z)
 with k = 2 pi f / c: a separable point spread function, Gaussian on all axes. Echoes are gathered
-on the pixel grid, each with the phase of its own depth, then filtered along rows and columns.
+on scan lines, each with the phase of its own depth, filtered along and across them, then the
+signal between lines is interpolated.
 Linear (first Born) scattering, one focus for all depths, attenuation taken as compensated by gain.
 Sources: Goodman, Statistical Optics, sec. 2.9 (Rayleigh statistics of many scatterers); Szabo,
 Diagnostic Ultrasound Imaging, 2nd ed., ch. 8 and 10.
@@ -21,7 +22,8 @@ from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantity, word
 
 _HALF_WIDTH = 2.0 * np.sqrt(2.0 * np.log(2.0))   # full width at half maximum over sigma
-_NARROWEST = 0.05    # pixels, of the filter's sigma
+_NARROWEST = 0.05    # lines or pixels, of the filter's sigma
+_COARSEST = 0.5      # of the standard deviation across, that two scan lines are apart
 _FEWEST, _MOST = 16, 4096    # pixels
 _SHIFT = 15          # bits of a float32 that log compression leaves out
 _PHASES = 4096       # in a turn: 1.5 mrad, 56 dB below the echo
@@ -88,9 +90,13 @@ class ImageFormer:
         self.params = params
         self._grey = _grey_levels(params)
         self._wave = 4.0 * np.pi * params.frequency / params.sound
-        pixel, sigma = params.pixel, params.sigma[[0, 2]]
-        # Gathering on four pixels is a triangle of variance 1/6 pixel^2; the filter is the rest.
-        left = np.sqrt(np.maximum((sigma / pixel)**2 - 1.0 / 6.0, _NARROWEST**2))
+        sigma, across = params.sigma[[0, 2]], _pixels_between_lines(params)
+        self._lines, pixel = params.width // across, params.pixel * [across, 1]
+        self._pitch = pixel
+        # Gathering on four places is a triangle of variance 1/6 of their distance squared, to
+        # interpolate at quarters between lines adds 3/16; the filter is the rest.
+        spread = np.array([1.0 / 6.0 + (across - 1) * 3.0 / 16.0, 1.0 / 6.0])
+        left = np.sqrt(np.maximum((sigma / pixel)**2 - spread, _NARROWEST**2))
         self._kernels = [_gaussian(s) for s in left]
         # Root mean square of the envelope of plain tissue, by Campbell's theorem.
         energy = [k.sum()**2 * w / (2.0 * np.sqrt(np.pi) * s)
@@ -107,28 +113,39 @@ class ImageFormer:
         amplitude : (n,) echo amplitudes, 1 = plain tissue
         """
         grid = self._empty()
-        p = self.params
-        _gather(points, amplitude, grid, self._wave, p.sigma[1], *p.pixel, _TURN)
-        return self._blurred(grid)
+        _gather(points, amplitude, grid, self._wave, self.params.sigma[1], *self._pitch, _TURN)
+        return self._filtered(grid)
 
     def tissue(self, scatterers, nodes):
         """Return the envelope (height, width) of a body, its root mean square 1 in plain tissue.
 
-        scatterers : speckle.TissueScatterers;  nodes : (n, 3) [m] in the probe's frame
-        And how many of the scatterers lie in the image.
+        And how many of the scatterers lie in the image. Arguments: see `tissue_signal`.
         """
-        grid, p = self._empty(), self.params
-        scale = 1.0 / np.array([p.pixel[0], p.sigma[1], p.pixel[1]])
-        steps = self._wave * p.pixel[1] * len(_TURN) / (2.0 * np.pi)
-        seen = scatterers.gather(nodes * scale + [0.5 * (p.width - 1), 0.0, 0.0], grid, steps,
+        signal, seen = self.tissue_signal(scatterers, nodes)
+        return self._magnitude(signal), seen
+
+    def tissue_signal(self, scatterers, nodes):
+        """Return the baseband image of a body, see `signal`, and how many scatterers lie in it.
+
+        scatterers : speckle.TissueScatterers;  nodes : (n, 3) [m] in the probe's frame
+        """
+        grid, (across, deep) = self._empty(), self._pitch
+        scale = 1.0 / np.array([across, self.params.sigma[1], deep])
+        steps = self._wave * deep * len(_TURN) / (2.0 * np.pi)
+        seen = scatterers.gather(nodes * scale + [0.5 * (self._lines - 1), 0.0, 0.0], grid, steps,
                                  _TURN)
-        return self._magnitude(self._blurred(grid)), seen
+        return self._filtered(grid), seen
 
     def _empty(self):
-        return np.zeros((self.params.height, self.params.width, 2), dtype=np.float32)
+        return np.zeros((self.params.height, self._lines, 2), dtype=np.float32)
 
-    def _blurred(self, grid):
-        return cv2.sepFilter2D(grid, -1, *self._kernels, borderType=cv2.BORDER_CONSTANT)
+    def _filtered(self, grid):
+        """The signal (height, width, 2) of what was gathered on lines."""
+        lines = cv2.sepFilter2D(grid, -1, *self._kernels, borderType=cv2.BORDER_CONSTANT)
+        if self._lines == self.params.width:
+            return lines
+        return cv2.resize(lines, (self.params.width, self.params.height),
+                          interpolation=cv2.INTER_LINEAR)
 
     def _magnitude(self, signal):
         return cv2.magnitude(signal[..., 0], signal[..., 1])
@@ -140,6 +157,12 @@ class ImageFormer:
     def compress(self, envelope):
         """Return the picture (height, width) uint8 by log compression."""
         return self._grey[np.ascontiguousarray(envelope, np.float32).view(np.uint32) >> _SHIFT]
+
+
+def _pixels_between_lines(params):
+    """2 where the point spread function is wide enough for a line every second pixel, else 1."""
+    wide = 2.0 * params.pixel[0] <= _COARSEST * params.sigma[0]
+    return 2 if wide and params.width % 2 == 0 else 1
 
 
 def _grey_levels(params):
@@ -175,7 +198,7 @@ def _gaussian(sigma):
 
 @numba.njit(cache=True, fastmath=True)
 def _gather(points, amplitude, grid, wave, sy, dx, dz, turn):
-    """Add every echo to its four pixels; turn : (k, 2) cosine and sine over one turn of phase."""
+    """Add every echo to its four places; turn : (k, 2) cosine and sine over one turn of phase."""
     height, width, _ = grid.shape
     steps = len(turn) / (2.0 * np.pi)
     for n in range(len(points)):

@@ -72,16 +72,7 @@ def correlation(a, b):
 
 
 def signal(scatterers, nodes, former=FORMER):
-    grid, p = former._empty(), former.params
-    scaled = nodes / [p.pixel[0], p.sigma[1], p.pixel[1]] + [0.5 * (p.width - 1), 0.0, 0.0]
-    steps = 4.0 * np.pi * p.frequency / p.sound * p.pixel[1] * 4096 / (2.0 * np.pi)
-    scatterers.gather(scaled, grid, steps, _turn())
-    return former._blurred(grid)
-
-
-def _turn():
-    angle = 2.0 * np.pi * (np.arange(4096) + 0.5) / 4096
-    return np.column_stack([np.cos(angle), np.sin(angle)]).astype(np.float32)
+    return former.tissue_signal(scatterers, nodes)[0]
 
 
 @pytest.mark.parametrize('shift', [0.5, 1.0])
