@@ -332,11 +332,11 @@ def _check_procedure(scenario, scene, place):
         if getattr(scenario.needle, key) >= most:
             raise ConfigError(f"{place('needle', key)} = {getattr(scenario.needle, key)}; must be "
                               f'0 to {most - 1}, a hole of the template')
-    if asked.hole and (len(asked.hole) != 2 or not all(  # noqa: PLR2004 - column and row
-            0 <= k < n for k, n in zip(asked.hole, size, strict=False))):
+    if len(asked.hole) > len(size) or not all(
+            0 <= k < n for k, n in zip(asked.hole, size, strict=False)):
         raise ConfigError(f"{place('procedure', 'hole')} = {list(asked.hole)}; must be a column "
                           f'from 0 to {size[0] - 1} and a row from 0 to {size[1] - 1} of the '
-                          'template, or empty: chosen')
+                          'template, a column alone, or empty: the rest is chosen')
 
 
 def _check_probe(scenario, place):

@@ -305,7 +305,8 @@ PROCEDURE = 'procedure: {target: target_1'
 @pytest.mark.parametrize(('text', 'said'), [
     (f'feedback: map\n{PROCEDURE}, hole: [13, 0]}}', r'hole = \[13, 0\]; must be a column from 0 '
                                                      'to 12'),
-    (f'feedback: map\n{PROCEDURE}, hole: [1]}}', r'hole = \[1\]; must be a column'),
+    (f'feedback: map\n{PROCEDURE}, hole: [13]}}', r'hole = \[13\]; must be a column'),
+    (f'feedback: map\n{PROCEDURE}, hole: [1, 2, 3]}}', r'hole = \[1, 2, 3\]; must be a column'),
     (f'feedback: map\n{PROCEDURE}, axes: [x, x]}}', r"axes = \['x', 'x'\]; must be one to three"),
     (f'{PROCEDURE}}}', "feedback = 'em'; must be an estimator"),
     ('feedback: map\nprocedure: {target: nobody}', "target = 'nobody'; must be a target"),

@@ -105,7 +105,8 @@ def plan(holes, needle, target, *, axes, reach, miss=np.inf, hole=(), start=None
 
     holes : (columns, rows, 3) [m];  needle : NeedleCourse
     target : (3,) [m] where it is;  axes : (3,) bool, of the pads
-    reach : [m] largest displacement of the target;  hole : (column, row) to use, empty = any
+    reach : [m] largest displacement of the target
+    hole : (column, row) to use, (column,) with any row, empty = any
     miss : [m] by which the path may pass the target
     start : (3,) from where pads have displaced the target, None = they have not
     unturned : [m] last part of the way on which the needle is not turned over; None = nowhere
@@ -149,12 +150,11 @@ def _turns(level, skin, unturned):
 
 def _chosen(holes, hole):
     columns, rows = holes.shape[:2]
-    if not hole:
-        return [(i, j) for i in range(columns) for j in range(rows)]
-    if not (0 <= hole[0] < columns and 0 <= hole[1] < rows):
-        raise NoPlan(Outcome.NO_PLAN, f'hole {hole[0]}, {hole[1]}; the template has columns 0 '
-                     f'to {columns - 1} and rows 0 to {rows - 1}')
-    return [tuple(hole)]
+    chosen = [c for c in np.ndindex(columns, rows) if c[:len(hole)] == tuple(hole)]
+    if not chosen:
+        raise NoPlan(Outcome.NO_PLAN, f'hole {", ".join(map(str, hole))}; the template has '
+                     f'columns 0 to {columns - 1} and rows 0 to {rows - 1}')
+    return chosen
 
 
 def _by_pads(axes, axis):

@@ -62,7 +62,7 @@ class ProcedureParams:
     """Register, bring the target onto the needle's path, insert under the probe, withdraw.
 
     target : name of a target of the scene
-    hole : column and row of the template, the first of each 0; empty = chosen
+    hole : column and row of the template, the first of each 0; what is not given is chosen
     axes : of the world in which the pads move the target
     overlay : the person sees the template's holes over the image, and corrects
     turn : the plan may turn the needle over on its way to where the probe first sees it
@@ -71,8 +71,8 @@ class ProcedureParams:
     """
 
     target: str
-    hole: tuple[int, ...] = word('column and row of the template, the first of each 0; empty: '
-                                 'chosen', default=())
+    hole: tuple[int, ...] = word('column and row of the template, the first of each 0; a '
+                                 'column alone, or empty: the rest is chosen', default=())
     axes: tuple[Literal['x', 'y', 'z'], ...] = word('in which the pads move the target',
                                                     default=('x', 'y'))
     overlay: bool = word("the template's holes are drawn over the image, and the person who "

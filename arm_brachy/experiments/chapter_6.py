@@ -9,9 +9,10 @@ picture, how well can it be found there, how far is it off the path, how hard do
 The person who steers by the overlay is control.overlay_reader; without the overlay nobody steers.
 The thesis has no manual baseline, and there is none here.
 
-Each scenario is run with the same few needles. They go through different holes, to different sides
-of the target, and bend more or less than the plan takes them to: radii are drawn
-about the geometric mean of the 200 to 650 mm that are published, nineteen in twenty within these.
+Each scenario is run with the same few needles. They go through different columns of the template,
+to different sides of the target; the plan takes the row. They bend more or less than the plan
+takes them to: radii are drawn about the geometric mean of the 200 to 650 mm that are published,
+nineteen in twenty within these.
 A run without overlay is one with it until somebody turns the needle; where nobody has, the run
 with overlay counts for both. The linkage has the first needle alone.
 Test: experiments/test_chapter_6.py
@@ -38,7 +39,7 @@ WITH_OVERLAY = {'II': 'I', 'IV': 'III'}     # the scenario that differs in the o
 PUBLISHED = '0.86 +- 0.35'
 RADIUS = 0.360       # m that the plan takes the needle's arc to have
 SPREAD = 0.3         # of its logarithm, from needle to needle
-HOLES = ((7, 5), (5, 5), (8, 5))            # of needle 1, 2 and so on: pads move 4 to 7 mm
+COLUMNS = (7, 5, 8)  # of the template, for needle 1, 2 and so on: pads move 4 to 7 mm
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class Trial:
         scenario = found.scenario
         needle = replace(scenario.needle, radius_spread=SPREAD,
                          needle=replace(scenario.needle.needle, radius=RADIUS))
-        procedure = replace(scenario.procedure, hole=HOLES[self.needle - 1])
+        procedure = replace(scenario.procedure, hole=COLUMNS[self.needle - 1:self.needle])
         return replace(found, scenario=replace(scenario, seed=scenario.seed + self.needle - 1,
                                                needle=needle, procedure=procedure))
 
@@ -68,12 +69,12 @@ def reproduce(out_dir, scenarios=None, needles=None):
 
     out_dir : folder;  scenarios : name -> file in config/scenarios, without suffix, or a path;
         None = all five
-    needles : how many, None = one for each of HOLES; the linkage has one
+    needles : how many, None = one for each of COLUMNS; the linkage has one
     Returns Result, a row for each scenario and needle.
     """
     files = {**SCENARIOS, **LINKAGE} if scenarios is None else scenarios
     trials = [Trial(name, file, k + 1) for name, file in files.items()
-              for k in range(1 if name in LINKAGE else needles or len(HOLES))]
+              for k in range(1 if name in LINKAGE else needles or len(COLUMNS))]
     first = [trial for trial in trials if WITH_OVERLAY.get(trial.scenario) not in files]
     with process_pool(len(trials)) as pool:
         done = dict(zip(first, pool.map(_run, first, [out_dir] * len(first)), strict=True))
@@ -98,7 +99,7 @@ def _run(trial, out_dir):
     name = f'{trial.scenario} {trial.needle}'.replace(' ', '_')
     write_report(data, numbers, Path(out_dir) / f'report_{name}.html')
     row = {'scenario': trial.scenario, 'needle': trial.needle, 'seed': cell.scenario.seed,
-           'hole': ' '.join(str(n) for n in cell.scenario.procedure.hole),
+           'hole': data.procedure.plan.get('hole', ''),
            'radius_mm': float(1e3 * cells.build_needle(cell).true_radius),
            'holder': cell.scenario.probe.probe_holder, 'strategy': data.procedure.strategy,
            'overlay': data.procedure.overlay, 'run_as': trial.scenario,

@@ -119,6 +119,12 @@ def test_the_goal_moves_across_the_needle_only_and_within_reach():
         assert abs(moved @ AXIS) < 1e-12 and np.linalg.norm(moved) <= 0.008
 
 
+def test_of_a_column_the_row_that_comes_nearest_is_taken():
+    for row, place in enumerate(grid()[1]):
+        found = planned(place - place * AXIS + [0.0, 0.0, 0.002], straight, hole=(1,))
+        assert (found.column, found.row) == (1, row)
+
+
 @pytest.mark.parametrize(('given', 'outcome', 'said'), [
     ({'length': 0.05}, Outcome.NO_PLAN, 'needle 50 mm long'),
     ({'hole': (5, 0)}, Outcome.NO_PLAN, 'hole 5, 0; the template has columns 0 to 4'),

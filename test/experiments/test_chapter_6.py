@@ -39,16 +39,16 @@ def test_the_scenario_of_the_linkage_is_the_third_with_another_holder():
 def test_the_needles_are_the_same_in_every_scenario_and_bend_as_published():
     files = {**chapter_6.SCENARIOS, **chapter_6.LINKAGE}
     radii = {name: [cells.build_needle(chapter_6.Trial(name, file, k + 1).cell).true_radius
-                    for k in range(len(chapter_6.HOLES))] for name, file in files.items()}
+                    for k in range(len(chapter_6.COLUMNS))] for name, file in files.items()}
     assert all(found == radii['I'] for found in radii.values())
-    assert len(set(radii['I'])) == len(chapter_6.HOLES)
+    assert len(set(radii['I'])) == len(chapter_6.COLUMNS)
     assert all(0.2 <= radius <= 0.65 for radius in radii['I'])
 
 
 def test_a_trial_differs_from_its_scenario_in_the_needle_alone():
     plain = load_cell(config_dir() / 'scenarios' / 'probe_III.yaml').scenario
     found = chapter_6.Trial('III', 'probe_III', 2).cell.scenario
-    assert (found.seed, found.procedure.hole) == (plain.seed + 1, chapter_6.HOLES[1])
+    assert (found.seed, found.procedure.hole) == (plain.seed + 1, chapter_6.COLUMNS[1:2])
     assert replace(found, seed=plain.seed, needle=plain.needle, procedure=replace(
         found.procedure, hole=plain.procedure.hole)) == plain
 
