@@ -32,6 +32,8 @@ class Kind(Enum):
     FROZEN_SUPERVISOR = 'a supervisor that falls silent'
     CUT_STREAM = 'a controller that falls silent'
     FORGED_SERVICES = 'home, release and reset without the key under a hold'
+    CYCLED = 'driver and supervisor taken down and up again under an emergency stop'
+    TRANSITIONS = 'transitions of driver and supervisor while pads move'
     FORGED_GOAL = 'goals by service and by action without a ticket of theirs'
     FORGED_SENSOR = 'a stranger among the encoders'
     FORGED_NEEDLE = 'needle commands without the key, and recorded ones again'

@@ -8,6 +8,8 @@ encoders.
 import time
 
 import numpy as np
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -38,6 +40,8 @@ FORBIDDEN = 20e-3     # [m] what every fault asks for
 CREEP = 1e-3          # [m/s] of a controller that goes on while the supervisor is silent
 STILL = 1e-5          # [m] between ticks
 FLOOD = 300           # messages
+UP = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+DOWN = (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
 APART = 'apart'       # namespace of the manipulator: its name is the bench's
 KINDS = tuple(kind for kind in Kind if kind not in OF_THE_NEEDLE)
 
@@ -152,6 +156,28 @@ class AbuseBench(BenchNode):
             (self._supervisor, 'reset'), (self._driver, 'release'), (self._driver, 'home')))
         self._obeyed += self.allowed
 
+    def _cycled(self, fault):
+        """In either order; the controller asks for what it may not all the while."""
+        self.call('supervisor/emergency_stop')
+        nodes = (self._driver, self._supervisor)[::1 if fault.size < 0.5 else -1]
+        for transition in (*DOWN, *UP):
+            for node in nodes:
+                self._obeyed += not self._changed(node, transition)
+                self._send(self._order(), self.session)
+                self._obeyed += self.allowed
+
+    def _transitions(self, fault):
+        """Some of them impossible where they are asked for; in the end all is active again."""
+        rng = np.random.default_rng(fault.count)
+        for transition in rng.choice((*DOWN, *UP), fault.count):
+            self._changed((self._driver, self._supervisor)[rng.integers(2)], int(transition))
+            self._command(ASKED * rng.random() * np.array([fault.size, 1.0, 0.0, 0.0]))
+            self._send(self._order())
+        for transition in UP:
+            for node in (self._driver, self._supervisor):
+                self._changed(node, transition)
+        self._obeyed += not (self._driver.active and self._supervisor.active)
+
     def _forged_goal(self, fault):
         """Without a ticket, with a stranger's, with one for another goal."""
         full = f'/{APART}/mpc_manipulator/set_goal'
@@ -165,6 +191,13 @@ class AbuseBench(BenchNode):
             answer = self.ask(SetGoal, full, goal)
             self._obeyed += answer is None or 'needs the session key' not in answer.message
             self._obeyed += self._moved(goal)
+
+    def _changed(self, node, transition):
+        """Ask a node for a transition, as anybody may; returns whether it was made."""
+        request = ChangeState.Request(transition=Transition(id=transition))
+        answer = self.ask(ChangeState, f'/{node.get_name()}/change_state', request)
+        self.spin(0.02)
+        return answer is not None and answer.success
 
     def _moved(self, goal):
         """1 if the same goal was obeyed as an action, else 0."""
