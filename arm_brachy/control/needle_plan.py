@@ -125,13 +125,13 @@ def plan(holes, needle, target, *, axes, reach, miss=np.inf, hole=(), start=None
     about = Rotation.from_rotvec(np.multiply.outer(rolls, needle.axis))
     ends = np.array([about.apply(needle.offset(0.0, s, u))
                      for s, u in zip(depths, turns, strict=True)])      # (turn, roll, 3)
-    places = np.array([holes[c] for c in chosen])
-    off = places[:, None, None] + ends - target                         # (hole, turn, roll, 3)
-    off = off - (off @ needle.axis)[..., None] * needle.axis
-    so_far = np.zeros(3) if start is None else target - start
+    places, plane = np.array([holes[c] for c in chosen]), _across(needle.axis)
+    off = ((places - target) @ plane)[:, None, None] + ends @ plane     # (hole, turn, roll, 2)
+    so_far = np.zeros(3) if start is None else np.where(axes, target - start, 0.0)
     spread = SPREAD * np.abs(unlike(depths, turns, needle.skin))
-    (h, u, r), moved, left = _best(off, spread, np.asarray(axes), needle.axis, reach,
-                                   miss, so_far)
+    by_pads = _by_pads(axes, needle.axis) @ plane
+    (h, u, r), left = _best(off, spread, plane.T @ by_pads, by_pads, reach, miss, so_far)
+    moved = by_pads @ off[h, u, r]
     goal = target + moved
     depth = needle.depth_at(places[h], goal, turns[u])      # pads may move it along the needle
     column, row = chosen[h]
@@ -157,6 +157,11 @@ def _chosen(holes, hole):
     return chosen
 
 
+def _across(axis):
+    """(3, 2) unit vectors across a unit vector (3,)."""
+    return np.linalg.svd(axis[None])[2][1:].T
+
+
 def _by_pads(axes, axis):
     """(3, 3) from what is missed across the needle to the least that pads do against it.
 
@@ -166,12 +171,14 @@ def _by_pads(axes, axis):
     return along_axes @ np.linalg.pinv((np.eye(3) - np.outer(axis, axis)) @ along_axes)
 
 
-def _best(off, spread, axes, axis, reach, miss, so_far):
-    """((hole, turn, roll) that cost least, what the pads move (3,), what is left) [m]."""
-    moved = off @ _by_pads(axes, axis).T
-    across = moved - (moved @ axis)[..., None] * axis
-    left = np.linalg.norm(off - across, axis=-1)
-    effort = np.linalg.norm(moved + np.where(axes, so_far, 0.0), axis=-1)
+def _best(off, spread, across, by_pads, reach, miss, so_far):
+    """((hole, turn, roll) that cost least, what is left [m]).
+
+    off : (hole, turn, roll, 2) [m] across the needle;  so_far : (3,) [m] that the pads have done
+    across : (2, 2) from `off` to what the pads do against it;  by_pads : (3, 2) to all they do
+    """
+    left = _length(off, np.eye(2) - across, np.zeros(2))
+    effort = _length(off, by_pads, so_far)
     if effort.min() > reach:
         raise NoPlan(Outcome.INFEASIBLE, f'the target would have to move {1e3 * effort.min():.1f} '
                      f'mm; allowed {1e3 * reach:g} mm: choose another hole')
@@ -183,4 +190,12 @@ def _best(off, spread, axes, axis, reach, miss, so_far):
     cost = left**2 + EFFORT * effort**2 + spread[:, None] ** 2
     good = (effort <= reach) & (left <= miss)
     best = np.unravel_index(int(np.where(good, cost, np.inf).argmin()), cost.shape)
-    return best, moved[best], float(left[best])
+    return best, float(left[best])
+
+
+def _length(off, A, d):
+    """|A o + d| for every o of off (..., 2): as polynomials, since there may be 400 000."""
+    (a, b), (_, c) = A.T @ A
+    u, v = 2.0 * A.T @ d
+    x, y = off[..., 0], off[..., 1]
+    return np.sqrt(np.maximum(x * (a * x + 2.0 * b * y + u) + y * (c * y + v) + d @ d, 0.0))

@@ -24,6 +24,7 @@ import numpy as np
 from arm_brachy.core.quantity import quantity
 
 _STICK = 0.5e-3      # m that the tissue is carried along until the static friction (own choice)
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])    # axes in a circle
 _STRAIGHT = 1e-12    # rad, turn of an arc below which it is a line
 
 
@@ -137,7 +138,8 @@ class NeedlePath:
 
 def _turned(n, t, angle):
     """Vector n (3,) turned by `angle` [rad] about the unit vector t across it."""
-    return np.cos(angle) * n + np.sin(angle) * np.cross(t, n)
+    across = t[_NEXT] * n[_LAST] - t[_LAST] * n[_NEXT]      # np.cross takes ten times as long
+    return np.cos(angle) * n + np.sin(angle) * across
 
 
 class NeedleForce:
