@@ -19,7 +19,7 @@ from arm_brachy.control.pursuit import Pursuit
 from arm_brachy.control.push_protocol import PushProtocol
 from arm_brachy.control.sequencer import Sequencer
 from arm_brachy.control.tissue_model import TissueModel
-from arm_brachy.core.errors import CommandRefused, ConfigError, InputError
+from arm_brachy.core.errors import CommandRefused, ConfigError, InputError, NotConverged
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.random import stream
 from arm_brachy.core.term import Stage
@@ -96,6 +96,7 @@ class Reading:
 # What a cell's body leaves open at every tick, at most: 10 nm, four decades below what a tracker
 # sees. A hundredth of it, as solvers have by default, costs half as much again.
 STATICS = NewtonOptions(tolerance=1e-8)
+STUCK = 2.0     # s without an equilibrium after which a body is no plant any more
 
 
 class Body:
@@ -107,6 +108,7 @@ class Body:
         instruments : tissue.instruments.Instruments of a cell with probe or needle, None = none
         """
         self._release, self._started = release, False
+        self._good = -np.inf     # s, of the last equilibrium
         self._body = build_body(scene)
         self.mesh = self._body.mesh
         self.surface = boundary_faces(self.mesh)
@@ -145,6 +147,8 @@ class Body:
         tissue.needle_path, None = outside. A body without instruments takes no notice of either.
         The first call is the start: the body is found at rest in equilibrium with q, or, where a
         release is set, as it was held until then; instruments act from the second call on.
+        Without an equilibrium the body stands still and the outcome says so. Raises NotConverged
+        where it has stood for STUCK: what sensors would see then is no tissue's motion.
         """
         displacement = self._directions * np.asarray(q, dtype=float)[:, None]
         if self._release is not None and t <= self._release:
@@ -154,8 +158,21 @@ class Body:
             state = self._simulator.settle(displacement)
         else:
             state = self._simulator.step(t, displacement, Tools(probe, needle))
+        self._refuse_stuck(t, state.outcome, q, probe)
         self._started = True
         return self._reading(state, displacement)
+
+    def _refuse_stuck(self, t, outcome, q, probe):
+        if outcome.ok or not self._started:
+            self._good = t
+        elif t - self._good > STUCK:
+            under = '' if probe is None else ' and a probe at {:.0f}, {:.0f}, {:.0f} mm'.format(
+                *(1e3 * np.asarray(probe[1])))
+            raise NotConverged(
+                f'the body has had no equilibrium since {self._good:.2f} s ({outcome.name}), with '
+                f'pads at {", ".join(f"{1e3 * x:.1f}" for x in q)} mm{under}; must be loads that '
+                'it can bear: push less, or press less and away from rims. What was recorded '
+                'until then holds')
 
     def _reading(self, state, displacement):
         points, turns = self._rest.copy(), np.tile(np.eye(3), (len(self._rest), 1, 1))

@@ -7,6 +7,7 @@ import pytest
 
 from arm_brachy.cell import Body
 from arm_brachy.control.tissue_model import TissueModel
+from arm_brachy.core.errors import NotConverged
 from arm_brachy.core.paths import share_dir
 from arm_brachy.core.scene import load_scene
 from arm_brachy.tissue.terms.breathing import Breathing
@@ -113,3 +114,17 @@ def test_base_markers_breathe_and_pad_markers_do_not(scene):
             np.testing.assert_array_equal(way[name], np.zeros(3))
     low = [way[m.name][1] for m in scene.markers if m.body == 'tissue' and m.position[2] < 0.015]
     assert 0.0 < np.mean(low) < 2e-3  # held by the pads, drawn along by the base
+
+
+def test_a_body_without_an_equilibrium_stands_still_and_is_refused_once_it_has_for_long(scene):
+    """Pads driven into each other; once they are back, the body moves again."""
+    body, crushed = Body(scene, ()), np.full(len(scene.pads), 0.06)
+    first = body.step(0.0, 0.0 * crushed)
+    for t in (0.5, 2.0):
+        stuck = body.step(t, crushed)
+        assert not stuck.outcome.ok and np.array_equal(stuck.points[-1], first.points[-1])
+    assert body.step(2.1, 0.01 * crushed).outcome.ok
+    assert not body.step(4.0, crushed).outcome.ok
+    with pytest.raises(NotConverged, match=r'no equilibrium since 2\.10 s \(\w+\), with pads at '
+                                           r'60\.0, 60\.0, 60\.0, 60\.0 mm; must be'):
+        body.step(4.2, crushed)
