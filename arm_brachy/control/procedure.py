@@ -52,7 +52,8 @@ _SHIFT = 0.3e-3     # m by which a wanted goal has to: three errors of what the 
 _ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: depth sensor's error
 _ASTRAY = 1e-3      # m, the same of a needle that stands: what a depth sensor may be off by
 _STANDS = 0.25e-3   # m by which the told depth of a needle that stands may change: noise
-_BENT = 0.1         # of the curvature that was told, a change that is told again
+_BENT = 0.02        # of the curvature that was told, a change that is told again: the probe
+                    # turns with it, in small steps
 _MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
 _OUT = 1.5e-3       # m of told depth below which the needle is out
 _SLOWING = 6        # steps in which the needle comes to its speed before the target
@@ -79,7 +80,7 @@ class Procedure:
         self._since, self._t = None, 0.0
         self._target, self._at_home = deque(), False
         self._seen, self._goal, self._next_shift = None, None, 0.0
-        self._told, self._next_told = None, 0.0     # curvature [1/m] of the needle; s
+        self._told = None           # curvature [1/m] of the needle
         self._tip_seen = -np.inf    # s, of the last image in which the tip was found
         self._shown = -np.inf       # s, of the last one that was answered by what is foretold
         self._needle, self._probe = NeedleSeen(0.0), ProbeSeen()
@@ -506,9 +507,9 @@ class Procedure:
     def _tell_curvature(self):
         """That of this needle, once images have shown it: the probe follows the tip as told."""
         kappa = max(self._curvature.kappa, 0.0)
-        if self._t < self._next_told or abs(kappa - self._told) <= _BENT * self._told:
+        if abs(kappa - self._told) <= _BENT * self._told:
             return []
-        self._told, self._next_told = kappa, self._t + 0.5 * self.params.calm
+        self._told = kappa
         return [Order(Kind.BEND, (kappa,))]
 
     def _probe_well(self):

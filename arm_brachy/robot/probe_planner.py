@@ -139,6 +139,8 @@ def _within(tip, along, pivot, tilt):
 class TranslationalPlanner(_Planner):
     """(6.4) to (6.8): over the tip, across the needle."""
 
+    _was = None          # (3, 3) of the probe in the call before
+
     def plan(self, tip, along, v, state, dt):
         """Return the Plan.
 
@@ -156,13 +158,21 @@ class TranslationalPlanner(_Planner):
         except InputError as problem:
             return Plan(outcome=Outcome.UNREACHABLE, message=str(problem))
         up = -goal.R[:, 2]
+        # The plane of the picture is to hold the point now, whatever is left to turn; the face
+        # goes aside as it turns.
+        y = state.R[:, 1]
+        v = v + y * ((point - goal.p) @ np.cross(self._turns(state.R, dt), y))
         # On the skin: the velocity of the point has no part along the normal.
         sinking = float((normal @ v) / (normal @ up))
         v = v - up * sinking
-        # The plane of the picture is to hold the point now, whatever is left to turn.
-        y = state.R[:, 1]
         return Plan(goal.R, goal.p + y * (y @ (point - goal.p)), v, self._turning(goal.R, dt), up,
                     sinking, waiting)
+
+
+    def _turns(self, R, dt):
+        """Angular velocity (3,) [rad/s] of the probe since the call before."""
+        before, self._was = self._was, R
+        return np.zeros(3) if before is None else rotation_vector(R @ before.T) / dt
 
 
 class OrientationPlanner(_Planner):

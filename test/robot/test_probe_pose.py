@@ -1,10 +1,14 @@
 """The probe's strategies put the tip into the image plane; the scan gives the skin back."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from arm_brachy.core.errors import InputError
+from arm_brachy.robot.probe_arm_params import ProbeArmParams
+from arm_brachy.robot.probe_planner import TranslationalPlanner
 from arm_brachy.robot.probe_pose import (
     orientation_goal,
     out_of_plane,
@@ -123,3 +127,18 @@ def test_the_translational_strategy_stands_on_the_skin_over_the_tip_across_the_n
     with pytest.raises(InputError, match='axis of the needle'):
         translational_goal(skin, np.array([0.004, 0.0, 0.025]) + 0.02 * needle,
                            np.array([0.004, 0.0, 0.025]), needle)
+
+
+def test_the_face_goes_aside_while_the_probe_turns_so_that_its_plane_stays_on_the_tip(skin):
+    """A point of a plane with normal y: y . (v - v_face) + (w x y) . (p - p_face) = 0."""
+    needle, tip, dt = np.array([0.0, 1.0, 0.0]), np.array([0.004, 0.0, 0.025]), 0.05
+    turning, v = np.array([0.1, 0.0, 0.0]), 5e-3 * needle
+    planner = TranslationalPlanner(ProbeArmParams(), skin, tip, needle, np.array([0.0, 0.0, -1.0]))
+    R = planner.over(tip, needle).R
+    for k in range(8):      # the first ones look for where the probe can stand
+        now = Rotation.from_rotvec(k * dt * turning).as_matrix() @ R
+        plan = planner.plan(tip, needle, v, SimpleNamespace(R=now, in_contact=True), dt)
+    y = now[:, 1]
+    left = y @ (v - plan.v) + np.cross(turning, y) @ (tip - plan.p)
+    assert abs(np.cross(turning, y) @ (tip - plan.p)) > 2e-3    # m/s that it would be off by
+    assert abs(left) < 5e-5
