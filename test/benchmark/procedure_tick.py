@@ -4,8 +4,9 @@
 
 Runs a scenario in one process until the needle is at its target, procedure.yaml by default. Rows:
 the arm (plan, phases, force control and 1 kHz loop with PyBullet), its plan alone, its loop alone
-(fifty periods in a tick of 50 ms; the goal is ten times real time), a step of the procedure, an image with overlay, tip and target. Processor time of this thread, median, 95 % and
-largest; what was compiled for it is not counted, since each first call is left out.
+(fifty periods in a tick of 50 ms; the goal is ten times real time), a step of the procedure, an
+image with overlay, tip and target. Processor time of this thread, median, 95 % and largest; what
+was compiled for it is not counted, since each first call is left out.
 """
 
 import argparse
