@@ -401,7 +401,8 @@ def build_probe_arm(cell):
         raise ConfigError(f"{cell.path}: probe: surface = 'model' with feedback = 'em'; must be "
                           "scan, or feedback an estimator, whose mesh is the model's")
     return arm.ProbeArm(params, stream(cell.scenario.seed, 'probe_arm'),
-                        inside=load_scene_mesh(cell.model).nodes.mean(axis=0))
+                        inside=load_scene_mesh(cell.model).nodes.mean(axis=0),
+                        image_depth=cell.scenario.ultrasound.image.depth)
 
 
 def arm_line(cell, q):

@@ -35,8 +35,8 @@ COMMANDS = {  # name -> (module:object, first line of its help)
               'Say what a SCENE makes of its mesh, and what in it cannot be meant.'),
     'mesh': ('mesh:mesh', 'Fill a closed SURFACE with tetrahedra.'),
     'rcm': ('rcm:rcm', 'Pose, stiffness and isotropy of the scissor probe holder.'),
-    'release': ('release:release', 'End an emergency stop of the running cell that records into '
-                'BAG.'),
+    'release': ('release:release', 'End a HOLD or an emergency stop of the running cell that '
+                'records into BAG.'),
     'goal': ('goal:goal', 'Bring TARGET to a point, in the running cell that records into BAG.'),
     'abuse': ('abuse:abuse',
               'Do faults to the cell and check that nothing moves that may not.'),

@@ -23,8 +23,8 @@ from arm_brachy.experiments import abuse as campaign
 @click.option('--cells', default=campaign.CELLS, type=click.IntRange(0), show_default=True,
               help='Whole cells of which a node is killed or stopped, about a minute each.')
 @click.option('--files', default=campaign.FILES, type=click.IntRange(0), show_default=True,
-              help='Damaged CSV files and column maps, and as many meshes, surfaces, C3D, YAML '
-                   'and MCAP files.')
+              help='Damaged files: half of them CSV files and column maps, half meshes, '
+                   'surfaces, C3D, YAML and MCAP files.')
 @click.option('--seed', default=campaign.SEED, type=click.IntRange(0), show_default=True,
               help='Same seed, same campaign.')
 @click.option('--out', type=click.Path(), metavar='FOLDER',

@@ -1,4 +1,4 @@
-"""`arm-brachy release`: ends an emergency stop of a running cell, with its session key."""
+"""`arm-brachy release`: ends a HOLD or an emergency stop of a running cell, with its key."""
 
 import click
 
@@ -10,7 +10,7 @@ from arm_brachy.cli.keyed_client import run_client
 @click.option('--resume', is_flag=True,
               help='Then go on with the moves of the scenario that were interrupted: pads move.')
 def release(bag, resume):
-    """End an emergency stop of the running cell that records into BAG.
+    """End a HOLD or an emergency stop of the running cell that records into BAG.
 
     The supervisor is reset and every drive released. It needs the key of the session, which lies
     beside the bag while the cell runs and which only the user who started the cell can read.

@@ -38,7 +38,7 @@ class Kind(Enum):
     FORGED_SENSOR = 'a stranger among the encoders'
     FORGED_NEEDLE = 'needle commands without the key, and recorded ones again'
     FORGED_FOLLOW = 'a probe that is told to follow and released without the key'
-    FORGED_IMAGE = 'a stranger among the needle tips and probe states'
+    FORGED_IMAGE = 'a stranger among the needle tips and probe poses'
     NEEDLE_ALONE = 'a supervisor that falls silent while needle and probe move'
     DEAD_NEEDLE = 'a needle driver that dies while the probe moves'
     DEAD_PROBE = 'a probe controller that dies while the needle moves'

@@ -96,9 +96,9 @@ class ProcedureParams:
                            source='ten control periods')
     view: float = quantity(20.0, 'mm', 'before the target, along the needle, where the probe '
                            'finds the tip for the first time', low=0.0, high=200.0,
-                           source='own choice: a probe that turns by 45 degrees about a point 20 '
-                                  'mm over the needle sees 20 mm to either side; a needle turned '
-                                  'there can still be led 20^2 / 2 R = 0.5 mm aside')
+                           source='own choice: a probe that turns by 40 degrees about a point 20 '
+                                  'mm over the needle sees 17 mm to either side; a needle turned '
+                                  '20 mm before can still be led 20^2 / 2 R = 0.5 mm aside')
     speed: float = quantity(5.0, 'mm_s', 'of insertion', low=0.1, high=200.0,
                             source='robotic insertion: 5 to 20 mm/s')
     near: float = quantity(4.0, 'mm', 'before its depth, from which on the needle goes slowly; '

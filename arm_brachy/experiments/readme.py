@@ -90,7 +90,7 @@ def _headline(results):
                for name in ('arm_brachy', 'FElupe + PARDISO')}
     inside = {r['estimator']: r['mean_error_mm'] for r in _judged(results)
               if r['markers'] in (0, MARKERS)}
-    procedures = _load(results, 'chapter-6')['rows']
+    procedures = [r for r in _load(results, 'chapter-6')['rows'] if r['run_as'] == r['scenario']]
     in_plane, stopped = ([r[key] for r in procedures]
                          for key in ('tip_in_plane_percent', 'tip_to_target_mm'))
     rows = (

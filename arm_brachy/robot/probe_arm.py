@@ -73,12 +73,15 @@ class ProbeArm:
 
     params : ProbeArmParams;  rng : numpy Generator of the sensor
     inside : (3,) [m] a point of the body that sees all of its skin, for a scanned cloud
+    image_depth : [m] of the picture, beyond which a tip is not seen
     holder : probe_holder.ProbeHolder; None = as the parameters say
     """
 
-    def __init__(self, params, rng, *, inside=(0.0, 0.0, 0.01), holder=None):
+    def __init__(self, params, rng, *, inside=(0.0, 0.0, 0.01), image_depth=np.inf,
+                 holder=None):
         """Start at rest at home. Raises InputError if home is out of reach."""
         self._params, self._inside, self._triangles = params, np.array(inside), None
+        self._image_depth = image_depth
         self.holder = HOLDERS[params.probe_holder](params, rng) if holder is None else holder
         self._phases = Phases(params)
         self._tip, self._heard, self._last_tip = TipFilter(params.tip_memory), [], None
@@ -238,7 +241,7 @@ class ProbeArm:
         if self._plan is None or self._plan.R is None:
             return ''
         p, _ = self._tip.at(self._tip.t)
-        depth, most = (p - self._state.p) @ self._state.R[:, 2], self._params.image_depth
+        depth, most = (p - self._state.p) @ self._state.R[:, 2], self._image_depth
         if _SHALLOWEST <= depth <= most:
             return ''
         return (f'the tip is {1e3 * depth:.0f} mm from the face; must be {1e3 * _SHALLOWEST:g} to '

@@ -97,8 +97,6 @@ class ProbeArmParams:
                                     high=60.0, source='own choice: four times a recontact')
     brake_time: float = quantity(0.2, 's', 'between a stop and the retraction', low=0.0,
                                  high=5.0, source='from the largest speed at 2 m/s2, and as much')
-    image_depth: float = quantity(60.0, 'mm', 'of the picture', low=5.0, high=300.0,
-                                  source='as the imager has it')
     deepest: float = quantity(25.0, 'mm', 'into the skin as planned: it retracts', low=1.0,
                               high=100.0, source='own choice: twice that of 3 N on 300 N/m')
     steepest: float = quantity(30.0, 'deg', "between the skin's normal and the probe's axis",

@@ -108,10 +108,10 @@ class Needle:
 class Bench:
     """Arm, ball and needle, tick by tick as in the cell: needle, arm, tissue."""
 
-    def __init__(self, params=PARAMS, *, ball=None, needle=None, cloud=None, seed=3):
+    def __init__(self, params=PARAMS, *, ball=None, needle=None, cloud=None, seed=3, **given):
         self.ball = Ball() if ball is None else ball
         self.needle = Needle(wait=INSERTION) if needle is None else needle
-        self.arm = ProbeArm(params, np.random.default_rng(seed))
+        self.arm = ProbeArm(params, np.random.default_rng(seed), **given)
         self.arm.permit(RUN, '')
         rng = np.random.default_rng(1)
         self.arm.hear_cloud(self.ball.cloud(rng) if cloud is None else cloud)
@@ -409,7 +409,7 @@ def test_what_leans_on_the_probe_at_home_is_no_zero():
 
 
 def test_a_tip_below_the_image_is_named_and_the_probe_stays():
-    bench = Bench(replace(PARAMS, image_depth=0.01), needle=Needle(speed=0.0, start=-0.01))
+    bench = Bench(needle=Needle(speed=0.0, start=-0.01), image_depth=0.01)
     step = bench.run(4.5)
     assert (step.phase, step.outcome) == (Phase.FOLLOW, Outcome.OUT_OF_IMAGE)
     assert 'depth of the image' in step.message
