@@ -500,8 +500,9 @@ def foretold_press(cell, along):
     kind = PLANNERS[params.strategy]
     if params.probe_holder == 'scissor_rcm':
         kind = partial(CentrePlanner, np.array(params.scissor_rcm.centre))
-    planner = kind(params, skin, target - asked.view * along, along, np.array([0.0, 0.0, -1.0]))
     try:
+        planner = kind(params, skin, target - asked.view * along, along,
+                       np.array([0.0, 0.0, -1.0]))
         goal = planner.over(target, along)
     except InputError:
         return np.zeros(3)

@@ -182,8 +182,10 @@ class ProbeSide:
         if (p.phase, p.outcome) != self._said:
             self._said = (p.phase, p.outcome)
             self._log.steps.append((t, p.figures()))
+        phase = p.phase
         for order in orders:
-            self._carry_out(t, order, loop)
+            if p.phase is phase:    # else one was refused, and the rest is of a step that failed
+                self._carry_out(t, order, loop)
         return any(order.kind is Kind.FINISH for order in orders)
 
     def _carry_out(self, t, order, loop):

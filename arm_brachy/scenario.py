@@ -327,6 +327,7 @@ def _check_procedure(scenario, scene, place):
         raise ConfigError(f"{place('procedure', 'axes')} = {list(asked.axes)}; must be one to "
                           'three of x, y, z, each once')
     _check_probe(scenario, place)
+    _check_needle(scenario, place)
     size = scenario.template.columns, scenario.template.rows
     for key, most in zip(('column', 'row'), size, strict=True):
         if getattr(scenario.needle, key) >= most:
@@ -337,6 +338,23 @@ def _check_procedure(scenario, scene, place):
         raise ConfigError(f"{place('procedure', 'hole')} = {list(asked.hole)}; must be a column "
                           f'from 0 to {size[0] - 1} and a row from 0 to {size[1] - 1} of the '
                           'template, a column alone, or empty: the rest is chosen')
+
+
+def _check_needle(scenario, place):
+    """The needle can be as fast as it will be told to be, and is heard of often enough."""
+    most = scenario.needle.max_speed
+    for key in ('speed', 'near_speed', 'entry', 'withdrawal'):
+        speed = getattr(scenario.procedure, key)
+        if speed > most:
+            raise ConfigError(f"{place('procedure', f'{key}_mm_s')} = {1e3 * speed:g}; must be at "
+                              f'most {1e3 * most:g}, needle.max_speed_mm_s')
+    needle, limit = scenario.needle, scenario.limits.needle_age
+    oldest = 1.0 / needle.depth_rate + needle.depth_latency + scenario.tick
+    if oldest > limit:
+        raise ConfigError(f"{place('limits', 'needle_age_s')} = {limit:g}; must be above "
+                          f'{oldest:.3g}, the age that a depth comes to between two measurements '
+                          '(needle.depth_rate_Hz, needle.depth_latency_ms): the supervisor would '
+                          'hold for ever')
 
 
 def _check_probe(scenario, place):

@@ -306,6 +306,10 @@ PROCEDURE = 'procedure: {target: target_1'
     (f'feedback: map\n{PROCEDURE}, hole: [13, 0]}}', r'hole = \[13, 0\]; must be a column from 0 '
                                                      'to 12'),
     (f'feedback: map\n{PROCEDURE}, hole: [13]}}', r'hole = \[13\]; must be a column'),
+    (f'feedback: map\n{PROCEDURE}}}\nneedle: {{max_speed_mm_s: 30}}',
+     r'withdrawal_mm_s = 40; must be at most 30, needle\.max_speed_mm_s'),
+    (f'feedback: map\n{PROCEDURE}}}\nneedle: {{depth_rate_Hz: 1}}',
+     r'needle_age_s = 0\.5; must be above 1\.07'),
     (f'feedback: map\n{PROCEDURE}, hole: [1, 2, 3]}}', r'hole = \[1, 2, 3\]; must be a column'),
     (f'feedback: map\n{PROCEDURE}, axes: [x, x]}}', r"axes = \['x', 'x'\]; must be one to three"),
     (f'{PROCEDURE}}}', "feedback = 'em'; must be an estimator"),

@@ -31,7 +31,8 @@ ROLLS = 72          # sides of the bevel that are tried: 5 degrees apart
 TURNS = 32          # depths of half a turn that are tried besides none
 EFFORT = 0.04       # of the square of what pads do, a fifth of which is uncertain (own choice):
                     # they lift the target besides, and change how it gives under the probe
-_DEPTH_STEPS = 3    # of a fixed point that contracts with the cosine of the tip's turn
+_DEPTH_STEPS = 30   # of a fixed point that contracts with the cosine of the tip's turn, at most
+_LEVEL = 1e-6       # m by which tip and target may then differ along the axis
 _PATH = 41          # points of a planned path
 
 
@@ -87,11 +88,18 @@ class NeedleCourse:
     skin: float = 0.0
 
     def depth_at(self, hole, point, turn=np.inf):
-        """Return the depth [m] at which the tip is level with a point (3,) along the axis."""
+        """Return the depth [m] at which the tip is level with a point (3,) along the axis.
+
+        Raises NoPlan for a needle that bends too much to get there.
+        """
         wanted = depth = float((point - hole) @ self.axis)
         for _ in range(_DEPTH_STEPS):
-            depth += wanted - float(self.offset(0.0, depth, turn) @ self.axis)
-        return depth
+            short = wanted - float(self.offset(0.0, depth, turn) @ self.axis)
+            depth += short
+            if abs(short) < _LEVEL:
+                return depth
+        raise NoPlan(Outcome.NO_PLAN, f'a needle that bends with {1.0 / self.curvature:.2g} m '
+                     f'does not get {1e3 * wanted:.0f} mm far along its hole; must bend less')
 
 
 def unlike(depth, turn, skin=0.0):
@@ -134,6 +142,10 @@ def plan(holes, needle, target, *, axes, reach, miss=np.inf, hole=(), start=None
     moved = by_pads @ off[h, u, r]
     goal = target + moved
     depth = needle.depth_at(places[h], goal, turns[u])      # pads may move it along the needle
+    if depth > needle.length:
+        raise NoPlan(Outcome.NO_PLAN, f'needle {1e3 * needle.length:.0f} mm long; the pads would '
+                     f'take the target to {1e3 * depth:.1f} mm: take a longer one or move the '
+                     'template')
     column, row = chosen[h]
     way = np.linspace(0.0, depth, _PATH)
     path = places[h] + about[r].apply([needle.offset(0.0, s, turns[u]) for s in way])

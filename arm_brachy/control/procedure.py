@@ -51,6 +51,7 @@ _REPLANS = 3        # of the path, while the pads bring the target
 _SHIFT = 0.3e-3     # m by which a wanted goal has to: three errors of what the images show
 _ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: depth sensor's error
 _ASTRAY = 1e-3      # m, the same of a needle that stands: what a depth sensor may be off by
+_LEAD = 1.0         # s by which a stamp may be ahead of the last step
 _STANDS = 0.25e-3   # m by which the told depth of a needle that stands may change: noise
 _BENT = 0.02        # of the curvature that was told, a change that is told again: the probe
                     # turns with it, in small steps
@@ -103,7 +104,7 @@ class Procedure:
 
     def hear_target(self, t, p):
         """Where the feedback has the target."""
-        if np.all(np.isfinite(p)):
+        if self._sound(t, p):
             self._target.append((t, np.array(p, dtype=float)))
 
     def hear_needle(self, seen):
@@ -118,15 +119,21 @@ class Procedure:
 
     def hear_image(self, t, p):
         """Where the tip was found in the image."""
-        if np.all(np.isfinite(p)):
+        if self._sound(t, p):
             self._tip_seen = t
             if self.phase is Phase.INSERTING:
                 self._curvature.seen(t, self._needle.depth, p)
 
     def hear_target_image(self, t, p):
-        """Where the images show the target."""
-        if np.all(np.isfinite(p)):
+        """Where the images show the target; farther off than it can be moved it is another."""
+        if self._sound(t, p) and not (
+                self.plan is not None
+                and np.linalg.norm(p - self.plan.goal) > 2.0 * self.params.reach):
             self._seen = t, np.array(p, dtype=float)
+
+    def _sound(self, t, p):
+        """True for a place that is one, and whose stamp [s] is not of the future."""
+        return t <= self._t + _LEAD and bool(np.all(np.isfinite(p)))
 
     def hear_surface(self):
         """Note that the skin was scanned."""
@@ -143,10 +150,16 @@ class Procedure:
     def refused(self, message):
         """An order was refused: the step fails, a step of the way back goes on to the next.
 
-        A goal that a better plan asked for is no failure: the plan before it holds.
+        A goal that a better plan asked for is no failure: the plan before it holds. Neither is
+        one that the images asked for: the one before it holds until the end.
         """
         if self.phase in WAY_BACK:
-            self._next_back()
+            if self.outcome.ok:
+                self.outcome, self.message = Outcome.REJECTED, f'{self.phase.value}: {message}'
+            if self.phase is not Phase.FINISHED:
+                self._next_back()
+        elif self.phase is Phase.INSERTING:
+            self._next_shift = np.inf
         elif self.phase is Phase.MOVING and self._kept is not None:
             (self.plan, self._goal), self._kept = self._kept, None
             self._replans = _REPLANS
@@ -271,6 +284,8 @@ class Procedure:
 
     def _placing(self):
         view, turn = max(0.0, self.plan.depth - self.params.view), self.plan.turn
+        if np.isfinite(turn):       # the pads may have brought the target nearer since
+            view = max(view, turn)
         if not self._ordered:
             self._ordered, course = True, self._course
             self._curvature = NeedleCurvature(self.plan.hole, course.axis, course.side,
@@ -367,7 +382,10 @@ class Procedure:
         seen = self.plan is not None and self._needle.depth >= self.plan.depth - self.params.view
         following = self._probe.phase in (ProbePhase.APPROACH, ProbePhase.FOLLOW)
         speed = self.params.speed if seen and following else self.params.withdrawal
-        if self._needle.depth > _OUT and speed != self._speed_back:
+        # Also where it seems to be out: it may be under way in. Again where it does not move.
+        stands = self._t - self._stood[1] >= self.params.calm and self._needle.depth > _OUT
+        driven = self._depth is not None or self._needle.depth > _OUT
+        if driven and (speed != self._speed_back or stands):
             self._speed_back = speed
             orders.append(self._drive(0.0, speed))
         if following and not seen:
@@ -561,7 +579,8 @@ class Procedure:
                 return []
         if self.phase is Phase.FINISHED:
             return [Order(Kind.FINISH)]
-        self._speed_back = None     # the needle was stopped: order it anew afterwards
+        # What was ordered was stopped: order it anew afterwards.
+        self._speed_back, self._ordered = None, False
         if self._held_since is None:
             self._held_since = self._t
             if self.outcome.ok:

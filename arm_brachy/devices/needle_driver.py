@@ -232,6 +232,8 @@ class NeedleDriver:
         if self.path.depth > self.params.shown or not self._move.done:
             self._refuse(f'needle: place at a depth of {1e3 * self.path.depth:.1f} mm; must be at '
                          f'rest, at most {1e3 * self.params.shown:g} mm deep: withdraw it first')
+        if not np.isfinite(roll):
+            self._refuse(f'needle: roll = {roll} rad; must be a finite number')
         far = np.linalg.norm(self._holes - np.asarray(hole, dtype=float), axis=-1)
         if not far.min() < _SAME_HOLE:
             place = ', '.join(f'{1e3 * c:.1f}' for c in hole)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from arm_brachy.core.errors import ConfigError
 from arm_brachy.core.quantity import quantity
 from arm_brachy.devices.needle_echo import NeedleEcho
 from arm_brachy.devices.ultrasound import ImageFormer
@@ -65,6 +66,11 @@ class TipDetector:
         side, above, below = (round(length / w) for length, w in (
             (p.head, pixel[0]), (p.head, pixel[1]), (p.tail, pixel[1])))
         top, left = round(v) - above, round(u) - side
+        if min(top, left) < 0 or round(v) + below >= self._image.height:
+            raise ConfigError(f'tip detector: head = {1e3 * p.head:g} mm and tail = '
+                              f'{1e3 * p.tail:g} mm do not fit into half of an image of '
+                              f'{1e3 * self._image.aperture:g} x {1e3 * self._image.depth:g} mm; '
+                              'must be shorter, or the image larger')
         return (picture[top:round(v) + below + 1, left:round(u) + side + 1],
                 np.array([u - left, v - top]))
 

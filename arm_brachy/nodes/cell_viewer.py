@@ -129,7 +129,7 @@ class CellViewerNode(Node):
             msg = self._new(topic, fresh)
             if msg is not None:
                 yield convert_viewing.transform(convert.nanoseconds(msg), self._frame, frame,
-                                                *convert.rigid(msg.pose))
+                                                *convert.pose_of(msg.pose))
 
     def _arm_frames(self, fresh):
         msg = self._new(graph.PROBE_JOINTS, fresh)
@@ -172,9 +172,9 @@ class CellViewerNode(Node):
                        for key, msg in self._of_each(self._estimates, t_ns)},
             goal=None if state is None or not state.active else (convert.xyz(state.reference),
                                                                  state.target),
-            tip=None if tip is None else convert.rigid(tip.pose),
+            tip=None if tip is None else convert.pose_of(tip.pose),
             needle_depth=0.0 if depth is None else depth.position[0],
-            probe=None if probe is None else convert.rigid(probe.pose),
+            probe=None if probe is None else convert.pose_of(probe.pose),
             image_tip=None if found is None else convert.xyz(found.pose.position))
 
     def _of_each(self, topics, t_ns):

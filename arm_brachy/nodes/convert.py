@@ -137,9 +137,11 @@ def mesh_positions(t_ns, frame, x):
 
 
 def pose_of(msg):
-    """R (3, 3), p (3,) of a geometry_msgs Pose."""
-    q = msg.orientation
-    return Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), xyz(msg.position)
+    """R (3, 3), p (3,) of a geometry_msgs Pose; R is NaN where its quaternion has no length."""
+    q = np.array([msg.orientation.x, msg.orientation.y, msg.orientation.z, msg.orientation.w])
+    if not (np.isfinite(q).all() and q.any()):
+        return np.full((3, 3), np.nan), xyz(msg.position)
+    return Rotation.from_quat(q).as_matrix(), xyz(msg.position)
 
 
 def needle_of(msg):
@@ -293,12 +295,6 @@ def pose_stamped(t_ns, frame, R, p):
 def _pose(R, p):
     x, y, z, w = (float(c) for c in Rotation.from_matrix(R).as_quat(canonical=True))
     return Pose(position=point(p), orientation=Quaternion(x=x, y=y, z=z, w=w))
-
-
-def rigid(pose):
-    """R (3, 3) and p (3,) [m] of a geometry_msgs/Pose."""
-    q = pose.orientation
-    return Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), xyz(pose.position)
 
 
 def six(wrench):

@@ -113,7 +113,7 @@ def shapes(msg):
 
 def _shape(kind, msg):
     c, s = msg.color, msg.scale
-    R, p = convert.rigid(msg.pose)
+    R, p = convert.pose_of(msg.pose)
     points = np.array([[q.x, q.y, q.z] for q in msg.points]) if msg.points else p[None]
     triangles = shades = None
     if kind is Kind.TRIANGLES:

@@ -87,7 +87,7 @@ class ProbeControllerNode(Node):
 
     def _hear(self, t_ns, inputs):
         for msg in inputs.get(graph.NEEDLE_TIP.name, ()):
-            self._arm.hear_tip(convert.nanoseconds(msg) * 1e-9, *convert.rigid(msg.pose))
+            self._arm.hear_tip(convert.nanoseconds(msg) * 1e-9, *convert.pose_of(msg.pose))
         for msg in inputs.get(graph.TRUTH_CONTACT.name, ()):
             w = msg.wrench
             self._reading = SimpleNamespace(

@@ -55,6 +55,7 @@ class ProcedureConductor:
         self._estimate = graph.estimate(scenario.feedback).at(
             target=scenario.procedure.target).name
         self._axes = [a in scenario.procedure.axes for a in 'xyz']
+        self._phase = None      # of the procedure, when it gave the orders that are carried out
         self._said, self._task = None, TaskState(name=MOVE, target=scenario.procedure.target)
 
     def hear(self, inputs):
@@ -89,13 +90,14 @@ class ProcedureConductor:
         if not orders:
             return None, finished
         done = self._calls.begin()
+        self._phase = p.phase
         self._next(t_ns, orders, done)
         return done, finished
 
     def _next(self, t_ns, orders, done):
         """Carry out the first order and, when it is answered, the rest."""
-        if not orders:
-            done.set_result(None)
+        if not orders or self.procedure.phase is not self._phase:
+            done.set_result(None)   # all done, or the rest is of a step that failed
             return
         order, rest = orders[0], orders[1:]
         if order.kind in (Kind.SET_GOAL, Kind.SHIFT):

@@ -101,8 +101,8 @@ class TissueEstimatorNode(Node):
         inside = None not in (tip, needle)
         try:
             loads = instrument_loads(
-                (*convert.rigid(pose.pose), convert.six(wrench.wrench)) if pressing else None,
-                (*convert.rigid(tip.pose), needle.effort[0], needle.position[0]) if inside
+                (*convert.pose_of(pose.pose), convert.six(wrench.wrench)) if pressing else None,
+                (*convert.pose_of(tip.pose), needle.effort[0], needle.position[0]) if inside
                 else None, ProbeFace(), self._skin)
         except InputError as refusal:
             self._health.refuse(t_ns, Outcome.REJECTED, str(refusal))

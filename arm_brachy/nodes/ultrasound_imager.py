@@ -65,7 +65,7 @@ class UltrasoundImagerNode(Node):
         self._info_pub(convert.image_info(t_ns, self._image_frame, self._params))
         if frame.tip_W is not None:
             self._found += 1
-            R, _ = convert.rigid(self._latest[graph.NEEDLE_TIP.name].pose)
+            R, _ = convert.pose_of(self._latest[graph.NEEDLE_TIP.name].pose)
             self._tip_pub(convert.pose_stamped(t_ns, self._frame, R, frame.tip_W))
         if frame.cavity is not None:
             self._target_pub(convert.estimated_pose(
@@ -91,11 +91,11 @@ class UltrasoundImagerNode(Node):
         tip = self._latest.get(graph.NEEDLE_TIP.name)
         fresh = tip is not None and t_ns - convert.nanoseconds(tip) <= FRESH_NS
         return self._imager.see(
-            t_ns * 1e-9, x, convert.rigid(probe.pose),
+            t_ns * 1e-9, x, convert.pose_of(probe.pose),
             np.zeros(1) if contact is None else np.asarray(contact.pressure),
             None if shaft is None else convert.positions_in(shaft),
-            None if told is None else convert.rigid(told.pose),
-            convert.rigid(tip.pose) if fresh else None)
+            None if told is None else convert.pose_of(told.pose),
+            convert.pose_of(tip.pose) if fresh else None)
 
     def _check(self, x):
         if len(x) != self._imager.nodes:

@@ -161,7 +161,10 @@ def _notice_contact(rules, gains, mode, task, memory, speed):
     flags, values = memory.flags, memory.values
     force = values[MEASURED]
     if mode != FORCE:
-        flags[IN_CONTACT] = flags[PRESSING] = 0
+        flags[PRESSING] = 0
+        # While the arm brakes or leaves the skin, the probe still touches what it pressed on.
+        if mode == POSE or force < rules.release:
+            flags[IN_CONTACT] = 0
     elif not flags[PRESSING]:
         flags[QUIET] += 1
         if force > rules.touch:

@@ -101,9 +101,11 @@ class ProbeArm:
     def hear_tip(self, t, R, p):
         """Take the tip's pose at time t [s]: R (3, 3), z along the needle;  p (3,), W.
 
-        One that is not finite is no pose: the age of the last one tells.
+        One that is not finite is no pose, and one of the future none that can be followed: the
+        age of the last one tells.
         """
-        if not (np.isfinite(R).all() and np.isfinite(p).all()):
+        future = self._t is not None and t > self._t + _LONGEST_TICK
+        if future or not (np.isfinite(R).all() and np.isfinite(p).all()):
             return
         self._heard.append((t, np.array(R), np.array(p)))
         self._last_tip = np.array(p)
@@ -218,8 +220,11 @@ class ProbeArm:
     def _planned(self, t, dt):
         p, v = self._tip.at(t)
         if self._planner is None:
-            self._planner = self.holder.planners[self._params.strategy](
-                self._params, self._surface, p, self._tip.along, self._state.R[:, 2])
+            try:
+                self._planner = self.holder.planners[self._params.strategy](
+                    self._params, self._surface, p, self._tip.along, self._state.R[:, 2])
+            except InputError as problem:
+                return Plan(outcome=Outcome.UNREACHABLE, message=str(problem))
         plan = self._planner.plan(p, self._tip.along, v, self._state, dt)
         if plan.R is not None:
             obstacle = self.holder.obstacle(plan.R, plan.p)

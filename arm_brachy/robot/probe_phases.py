@@ -91,7 +91,7 @@ class Phases:
     def release(self):
         """End a stop. Raises CommandRefused while the supervisor does not let it run."""
         self._refuse_unless_running('release')
-        if self._stopping and self.phase is not Phase.STOPPED:
+        if self._stopping and not (self.phase is Phase.STOPPED and self.clear):
             raise CommandRefused('probe: still on its way off the skin; release it then')
         self._stopping = False
         if self.phase is Phase.STOPPED:

@@ -20,6 +20,7 @@ _FARTHEST = 0.15     # m from the tip, where the search ends
 _PLANE = 0.1         # m up from the tip: a point of the plane that the strategies stay in
 _SHALLOWEST = 2e-3   # m of the tip under the face
 _ROUNDING = 1e-9     # rad
+_PARALLEL = 0.1      # sine between needle and probe, below which no plane holds both
 _SMOOTH = 0.5        # share of the last angular velocity that is kept
 
 
@@ -50,6 +51,9 @@ class _Planner:
         """tip, along : where the needle is and where it goes;  z : (3,) axis of the probe now."""
         self._params, self.surface = params, surface
         up = -(z - along * (along @ z))
+        if not np.linalg.norm(up) > _PARALLEL:
+            raise InputError("probe: the needle runs along the probe's axis; must be across it: "
+                             'turn the template')
         self._up = up / np.linalg.norm(up)
         self._start, self._from = tip, tip
         self._ready, self._last = False, None
@@ -192,8 +196,12 @@ class OrientationPlanner(_Planner):
             self._tilt = min(self._params.tilt, self._tilt + self._params.tilting * dt)
             contact = contact + self._normal * (self._normal @ (state.p - contact))
         waiting, point = _within(tip, along, contact, self._tilt)
-        goal = orientation_goal(self._R, contact, point)
         towards = point - contact
+        if towards @ -self._normal < _SHALLOWEST:
+            return Plan(outcome=Outcome.UNREACHABLE, message='probe: the needle is not under the '
+                        'contact point; must be at least 2 mm below: withdraw it, or insert it '
+                        'deeper under the skin')
+        goal = orientation_goal(self._R, contact, point)
         w = np.zeros(3) if waiting else np.cross(towards, v) / (towards @ towards)
         return Plan(goal.R, contact, np.zeros(3), w, self._normal, waiting=waiting)
 

@@ -8,6 +8,7 @@ sec. 1.2 (fading memory of first order).
 import numpy as np
 
 _LONGEST = 0.25      # s between samples, beyond which the filter starts anew
+_SHORTEST = 2e-3     # s, below which a second one says nothing of the velocity
 
 
 class TipFilter:
@@ -21,6 +22,8 @@ class TipFilter:
 
     def hear(self, t, R, p):
         """Take a sample: pose R (3, 3), z along the needle, and position p (3,) at time t [s]."""
+        if self.t is not None and 0.0 <= t - self.t < _SHORTEST:
+            return
         if self.t is None or not 0.0 < t - self.t <= _LONGEST:
             if self.t is None or t > self.t:
                 self._p, self._v = np.array(p, dtype=float), np.zeros(3)

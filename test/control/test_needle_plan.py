@@ -150,3 +150,18 @@ def test_a_path_that_passes_by_too_far_is_not_taken_though_the_pads_would_do_les
 def test_a_target_behind_the_template_is_named():
     with pytest.raises(NoPlan, match='20 mm behind the template'):
         planned((-0.12, 0.0, 0.0), straight)
+
+
+def test_a_needle_that_bends_too_much_to_get_there_is_named():
+    def bent(roll, depth, turn=np.inf):
+        return 0.05 * np.array([np.sin(depth / 0.05), 0.0, 1.0 - np.cos(depth / 0.05)])
+    with pytest.raises(NoPlan, match='does not get 100 mm far along its hole'):
+        plan(grid(), NeedleCourse(AXIS, SIDE, 0.5, bent, 20.0), np.zeros(3),
+             axes=(True, True, False), reach=0.02)
+
+
+def test_the_tip_is_level_with_the_target_also_where_the_needle_bends_much():
+    course = NeedleCourse(AXIS, SIDE, 0.5, lambda r, s, u: 0.12 * np.array(
+        [np.sin(s / 0.12), 0.0, 1.0 - np.cos(s / 0.12)]), 1.0 / 0.12)
+    depth = course.depth_at(np.zeros(3), np.array([0.1, 0.0, 0.0]))
+    assert depth == pytest.approx(0.12 * np.arcsin(0.1 / 0.12), abs=2e-6)

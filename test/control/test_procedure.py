@@ -556,3 +556,58 @@ def test_before_anything_has_moved_a_hold_is_waited_for():
     toy.run(3.0)
     toy.permission = Permission.RUN
     assert toy.run().procedure.outcome is Outcome.OK
+
+
+def test_a_needle_on_its_way_in_is_turned_back_when_a_step_fails_at_once():
+    """Told depth of 1 mm, where it counts as out, and 20 mm/s under way to 80 mm."""
+    toy = straight().run(until=Phase.PLACING)
+    while toy.depth < 0.5e-3:
+        toy.tick()
+    toy.procedure._fail(Outcome.TIMED_OUT, 'a test')
+    toy.run().run(2.0)
+    assert toy.procedure.phase is Phase.FINISHED and toy.depth < 1e-3
+
+
+def test_a_needle_that_did_not_hear_the_way_out_is_told_again():
+    toy = straight().run(until=Phase.DWELLING)
+    toy.broken.add('needle')
+    toy.run(until=Phase.WITHDRAWING).run(1.0)
+    before, toy.drive = toy.orders.count(Kind.DRIVE), (toy.depth, 1.0)      # it was not heard
+    toy.broken.clear()
+    toy.run()
+    assert toy.orders.count(Kind.DRIVE) > before and toy.depth < 1.5e-3
+    assert toy.procedure.outcome is Outcome.OK
+
+
+def test_what_is_refused_on_the_way_back_is_said_and_the_end_refuses_nothing():
+    toy = straight().run(until=Phase.HOMING)
+    toy.procedure.refused('driver: no')
+    assert toy.procedure.outcome is Outcome.REJECTED
+    assert toy.procedure.message == 'homing: driver: no'
+    toy.run()
+    toy.procedure.refused('too late')
+    assert toy.procedure.phase is Phase.FINISHED and 'too late' not in toy.procedure.message
+
+
+def test_pads_that_were_held_on_their_way_home_are_sent_again():
+    toy = Toy(broken=['probe', 'home']).run(until=Phase.HOMING)
+    toy.tick()
+    toy.permission = Permission.HOLD
+    toy.run(0.5)
+    toy.permission = Permission.RUN
+    toy.broken.discard('home')
+    toy.run()
+    assert toy.orders.count(Kind.RELEASE) == 2 and toy.home
+
+
+def test_places_of_the_future_and_a_target_far_from_its_goal_are_not_believed():
+    toy = straight().run(until=Phase.INSERTING)
+    p = toy.procedure
+    p.hear_target_image(toy.t, p.plan.goal + [0.5, 0.0, 0.0])
+    p.hear_target_image(1e9, p.plan.goal)
+    assert p._target_seen is None
+    p.hear_target(1e9, p.plan.goal)
+    p.hear_image(1e9, p.plan.tip)
+    assert p._tip_seen <= toy.t and p._target[-1][0] <= toy.t
+    p.hear_target_image(toy.t, p.plan.goal + [1e-3, 0.0, 0.0])
+    assert p._target_seen is not None

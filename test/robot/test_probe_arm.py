@@ -317,6 +317,38 @@ def test_an_emergency_stop_brakes_retracts_and_waits_for_release(touching):
     assert touching.run(TICK).phase is Phase.IDLE
 
 
+def test_a_stop_is_not_released_while_the_probe_still_presses(touching):
+    touching.arm.permit(STOP, 'button')
+    step = touching.run(2 * TICK)
+    assert step.phase is Phase.STOPPED and step.in_contact      # it brakes, and touches still
+    touching.arm.permit(RUN, '')
+    with pytest.raises(CommandRefused, match='on its way off the skin'):
+        touching.arm.release()
+    step = touching.run(3.0)
+    assert off_the_skin(step) > 0.01 and not step.in_contact
+    touching.arm.release()
+
+
+@pytest.mark.parametrize('deep', [0.006, 0.012])
+def test_a_shallow_needle_ends_the_orientation_strategy_by_name(deep):
+    """The skin sinks under the probe; the tip as told does not."""
+    top = CENTRE[2] + RADIUS
+    bench = Bench(replace(PARAMS, strategy='orientation'),
+                  needle=Needle(speed=0.0, start=-0.01, height=top - deep))
+    step = bench.run(6.0)
+    bench.arm.close()
+    assert all(s.goal_R[2, 2] < 0.0 for s in bench.steps)       # never face up
+    assert step.outcome is Outcome.UNREACHABLE or abs(bench.aside[-1]) < 1e-3
+
+
+def test_tips_of_the_future_or_a_microsecond_apart_do_not_mislead(touching):
+    for t, off in ((touching.k * TICK + 1e6, 0.0), ((touching.k - 1) * TICK + 1e-6, 1e-4)):
+        R, p = touching.needle.tip(0.0)
+        touching.arm.hear_tip(t, R, p + off)
+    step = touching.run(0.5)
+    assert step.phase is Phase.FOLLOW and abs(step.out_of_plane) < 1e-3
+
+
 def test_a_hold_of_the_supervisor_holds_and_then_retracts(touching):
     touching.arm.permit(HELD, 'no word from the supervisor for 1.2 s')
     step = touching.run(1.0)

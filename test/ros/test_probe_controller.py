@@ -84,9 +84,9 @@ def test_it_follows_the_tip_over_the_cloud_once_asked_and_allowed(node):
     assert state.phase == ProbeState.APPROACH and state.outcome == 'OK'
     assert len(state.force) == TICK // 1_000_000
     assert len(joints.position) == len(state.torque) == 7
-    R, p = convert.rigid(pose.pose)
+    R, p = convert.pose_of(pose.pose)
     assert np.allclose(R[:, 1], ACROSS[:, 2], atol=0.02)      # image plane across the needle
-    assert np.allclose(convert.rigid(truth.pose)[1], p)
+    assert np.allclose(convert.pose_of(truth.pose)[1], p)
     assert abs(wrench.wrench.force.z) < 0.2                   # the tool's weight is taken off
     state, *_ = tick(20, SafetyState.STOP)
     assert state.phase == ProbeState.STOPPED
@@ -127,5 +127,5 @@ def test_the_scissor_linkage_says_its_four_joints(ros_domain_id, live_scenario):
     assert state.phase == ProbeState.APPROACH and state.outcome == 'OK'
     assert joints.name == ['scissor_theta_0', 'scissor_theta_1', 'scissor_spin', 'scissor_stage']
     assert len(joints.position) == 4 and np.array_equal(np.isnan(state.torque), [0] * 4 + [1] * 3)
-    R, p = convert.rigid(pose.pose)
+    R, p = convert.pose_of(pose.pose)
     assert abs(R[:, 1] @ (TIP - p)) < 1e-3         # the tip is in the image plane

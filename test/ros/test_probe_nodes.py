@@ -82,9 +82,9 @@ def test_the_needle_goes_to_its_depth_turns_and_stops(make):
     assert abs(state.position[0] - 0.02) < 1e-3
     assert 0 < convert.nanoseconds(tip) <= convert.nanoseconds(state) == 49 * TICK
     points = convert.positions_in(shaft)
-    R, p = convert.rigid(tip.pose)
+    R, p = convert.pose_of(tip.pose)
     assert np.linalg.norm(points[-1] - p) < 1e-3 and tip.header.frame_id == 'cell_base'
-    assert np.allclose(convert.rigid(shaft.poses[-1])[0][:, 2], R[:, 2], atol=0.01)
+    assert np.allclose(convert.pose_of(shaft.poses[-1])[0][:, 2], R[:, 2], atol=0.01)
     tick(50, SAFETY=safety(50), NEEDLE_COMMAND=command(50, ['roll'], [0.5]))
     assert out['_state_pub'][-1].position[1] == 0.5
     told, curved = tip, command(50, ['curvature'], [5.0])
