@@ -98,8 +98,9 @@ class NeedleCourse:
             depth += short
             if abs(short) < _LEVEL:
                 return depth
-        raise NoPlan(Outcome.NO_PLAN, f'a needle that bends with {1.0 / self.curvature:.2g} m '
-                     f'does not get {1e3 * wanted:.0f} mm far along its hole; must bend less')
+        raise NoPlan(Outcome.NO_PLAN, f'the needle does not get {1e3 * wanted:.0f} mm far along '
+                     'its hole, since it bends too much; take one that bends less, or move the '
+                     'template nearer')
 
 
 def unlike(depth, turn, skin=0.0):

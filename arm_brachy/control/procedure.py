@@ -341,7 +341,11 @@ class Procedure:
         if fault is not None:
             return self._wait(*fault)
         self._waits = None
-        depth = self._depth_wanted()
+        try:
+            depth = self._depth_wanted()
+        except NoPlan as why:
+            self._fail(why.outcome, str(why))
+            return None
         orders = (self._steer(depth) + self._show(depth) + self._shift(depth)
                   + self._tell_curvature())
         # Not at once: the tip has to be there for the images to show where the target is.

@@ -172,7 +172,6 @@ class TranslationalPlanner(_Planner):
         return Plan(goal.R, goal.p + y * (y @ (point - goal.p)), v, self._turning(goal.R, dt), up,
                     sinking, waiting)
 
-
     def _turns(self, R, dt):
         """Angular velocity (3,) [rad/s] of the probe since the call before."""
         before, self._was = self._was, R

@@ -1,5 +1,7 @@
 """The procedure against a toy cell: what is ordered when, and that every failure ends safely."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -612,3 +614,14 @@ def test_places_of_the_future_and_a_target_far_from_its_goal_are_not_believed():
     assert p._tip_seen <= toy.t and p._target[-1][0] <= toy.t
     p.hear_target_image(toy.t, p.plan.goal + [1e-3, 0.0, 0.0])
     assert p._target_seen is not None
+
+
+def test_a_target_that_has_gone_where_the_needle_cannot_get_ends_the_insertion_by_name():
+    """A needle that bends so much that its tip gets 20 mm far along its hole, and no farther."""
+    toy = straight().run(until=Phase.INSERTING)
+    toy.procedure._course = replace(toy.procedure._course, offset=lambda r, s, u: 0.02 * np.array(
+        [np.sin(s / 0.02), 0.0, 1.0 - np.cos(s / 0.02)]))
+    toy.run()
+    assert toy.procedure.outcome is Outcome.NO_PLAN
+    assert 'inserting: the needle does not get' in toy.procedure.message
+    assert toy.procedure.phase is Phase.FINISHED and toy.depth < 1.5e-3
