@@ -71,7 +71,7 @@ class ProbeSide:
             elif order.kind is Kind.TURN:
                 self.needle.turn(*order.value)
             elif order.kind is Kind.BEND:
-                self.needle.bends(*order.value)
+                self.needle.bends(order.value[0], order.value[1:])
             else:
                 self.needle.place(order.value[:3], order.value[3])
         except CommandRefused:
@@ -80,7 +80,7 @@ class ProbeSide:
     def _hear_needle(self, t, state):
         self._log.note('needle_driver', state.outcome, state.message)
         self._state = state
-        self.procedure.hear_needle(NeedleSeen(state.depth))
+        self.procedure.hear_needle(NeedleSeen(state.depth, state.force))
         self._log.add('needle', t, (state.depth, state.velocity, state.force))
         self._log.add('roll', t, state.roll)
         self._tip = None

@@ -348,6 +348,11 @@ def _check_needle(scenario, place):
         if speed > most:
             raise ConfigError(f"{place('procedure', f'{key}_mm_s')} = {1e3 * speed:g}; must be at "
                               f'most {1e3 * most:g}, needle.max_speed_mm_s')
+    rate, patience = scenario.ultrasound.image.rate, scenario.procedure.tip_patience
+    if patience * rate < 1.0:
+        raise ConfigError(f"{place('procedure', 'tip_patience_s')} = {patience:g}; must be at "
+                          f'least {1.0 / rate:.3g}, the time from one image to the next '
+                          '(ultrasound.image.rate_Hz): the needle would wait for ever')
     needle, limit = scenario.needle, scenario.limits.needle_age
     oldest = 1.0 / needle.depth_rate + needle.depth_latency + scenario.tick
     if oldest > limit:

@@ -20,6 +20,8 @@ ASIDE = 0.7e-3      # [m] of c, sd: half of what a probe of 3 N bends 18 G by
 SHARED = 0.3e-3     # [m] of m, sd: what tips in images are off by (docs/results/procedures.md)
 LASTS = 1.0         # [s] in which m is another: a quarter of a breath
 SEEN = 0.2e-3       # [m] of a tip in an image by itself, sd: two pixels
+DOUBTED = 5.0       # sds from what is foretold, beyond which a tip is not taken for the needle's
+AGREED = 5          # such tips one after another, after which the next is: it was foretold wrongly
 
 
 class NeedleCurvature:
@@ -37,26 +39,40 @@ class NeedleCurvature:
         self._turns = [(skin, roll)]
         self._mean = np.array([kappa, 0.0, 0.0, 0.0, 0.0])
         self._covariance = np.diag([SPREAD, ASIDE, ASIDE, SHARED, SHARED]) ** 2
-        self._t = None
+        self._t, self._doubted = None, 0
 
     @property
     def kappa(self):
         """[1/m] as believed now."""
         return float(self._mean[0])
 
+    @property
+    def offset(self):
+        """(3,) [m] across the axis: what the tissue has bent the shaft off its path by, c."""
+        return self._mean[1:3] @ self._across
+
     def turned(self, depth, roll):
         """The base was turned to `roll` [rad] at a depth [m]."""
         self._turns.append((max(depth, self._turns[0][0]), roll))
 
     def seen(self, t, depth, tip):
-        """The tip is at (3,) [m] in an image at t [s] while the needle is at a depth [m]."""
+        """The tip is at (3,) [m] in an image at t [s] while the needle is at a depth [m].
+
+        One that is far from where it is foretold changes nothing, unless several are.
+        """
         self._forget(0.0 if self._t is None else t - self._t)
         self._t = t
         H = np.column_stack([self._reach(depth), np.eye(2), np.eye(2)])
         off = self._across @ (np.asarray(tip, dtype=float) - self._hole)
         S = H @ self._covariance @ H.T + SEEN**2 * np.eye(2)
+        innovation = off - H @ self._mean
+        far = innovation @ np.linalg.solve(S, innovation) > DOUBTED**2
+        self._doubted = self._doubted + 1 if far else 0
+        if 0 < self._doubted <= AGREED:
+            return
+        self._doubted = 0
         gain = np.linalg.solve(S, H @ self._covariance).T
-        self._mean = self._mean + gain @ (off - H @ self._mean)
+        self._mean = self._mean + gain @ innovation
         self._covariance = self._covariance - gain @ H @ self._covariance
 
     def _forget(self, dt):

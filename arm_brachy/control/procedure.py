@@ -55,9 +55,11 @@ _LEAD = 1.0         # s by which a stamp may be ahead of the last step
 _STANDS = 0.25e-3   # m by which the told depth of a needle that stands may change: noise
 _BENT = 0.02        # of the curvature that was told, a change that is told again: the probe
                     # turns with it, in small steps
+_ASIDE = 0.05e-3    # m by which the told offset of the path has to change: the same
 _MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
 _OUT = 1.5e-3       # m of told depth below which the needle is out
 _SLOWING = 6        # steps in which the needle comes to its speed before the target
+_DRIVEN = (Phase.PLACING, Phase.MEETING, Phase.INSERTING)   # steps in which the needle goes in
 
 
 class Procedure:
@@ -81,11 +83,13 @@ class Procedure:
         self._since, self._t = None, 0.0
         self._target, self._at_home = deque(), False
         self._seen, self._goal, self._next_shift = None, None, 0.0
-        self._told = None           # curvature [1/m] of the needle
+        self._told = None           # curvature [1/m] of the needle, and its offset (3,) [m]
         self._tip_seen = -np.inf    # s, of the last image in which the tip was found
         self._shown = -np.inf       # s, of the last one that was answered by what is foretold
         self._needle, self._probe = NeedleSeen(0.0), ProbeSeen()
         self._stood = 0.0, 0.0      # told depth [m] that has not changed since [s]
+        self._sent = 0.0            # s, of the last order to go to a depth
+        self._away_since = None     # s, while the needle is not where it was sent
         self._error, self._calm_since = np.inf, None
         self._surfaces, self._scanned = 0, 0
         self._depth, self._waits, self._permission, self._reason = None, None, Permission.HOLD, ''
@@ -185,6 +189,7 @@ class Procedure:
         self._held_since = None
         before = None
         orders = []
+        self._notice_standing()
         while before is not self.phase:     # a step may end at once
             before = self.phase
             orders += getattr(self, f'_{self.phase.value}')() or []
@@ -290,7 +295,7 @@ class Procedure:
             self._ordered, course = True, self._course
             self._curvature = NeedleCurvature(self.plan.hole, course.axis, course.side,
                                               course.curvature, self.plan.roll, course.skin)
-            self._told, self._roll = course.curvature, self.plan.roll
+            self._told, self._roll = (course.curvature, np.zeros(3)), self.plan.roll
             return [Order(Kind.PLACE, (*self.plan.hole, self.plan.roll)),
                     self._drive(min(turn, view), self.params.entry)]
         over = self._roll != self.plan.roll
@@ -347,7 +352,7 @@ class Procedure:
             self._fail(why.outcome, str(why))
             return None
         orders = (self._steer(depth) + self._show(depth) + self._shift(depth)
-                  + self._tell_curvature())
+                  + self._tell_path())
         # Not at once: the tip has to be there for the images to show where the target is.
         if self._lasts_calm(self._there(depth)):
             self._enter(Phase.DWELLING)
@@ -372,7 +377,7 @@ class Procedure:
         return slow + share * (p.speed - slow)
 
     def _dwelling(self):
-        if self._elapsed >= self.params.dwell:
+        if self._probe_well() and self._elapsed >= self.params.dwell:
             self._enter(Phase.WITHDRAWING)
 
     def _withdrawing(self):
@@ -387,7 +392,7 @@ class Procedure:
         following = self._probe.phase in (ProbePhase.APPROACH, ProbePhase.FOLLOW)
         speed = self.params.speed if seen and following else self.params.withdrawal
         # Also where it seems to be out: it may be under way in. Again where it does not move.
-        stands = self._t - self._stood[1] >= self.params.calm and self._needle.depth > _OUT
+        stands = self._stands >= self.params.calm and self._needle.depth > _OUT
         driven = self._depth is not None or self._needle.depth > _OUT
         if driven and (speed != self._speed_back or stands):
             self._speed_back = speed
@@ -423,14 +428,37 @@ class Procedure:
     # What steps share.
 
     def _drive(self, depth, speed):
-        self._depth, self._stopped = depth, False
-        self._stood = self._needle.depth, self._t
+        self._depth, self._stopped, self._sent = depth, False, self._t
         return Order(Kind.DRIVE, (depth, speed))
+
+    @property
+    def _stands(self):
+        """[s] since the needle has moved, or was ordered to, last."""
+        return self._t - max(self._stood[1], self._sent)
+
+    def _notice_standing(self):
+        """A needle that was sent in and does not go there fails the step.
+
+        Orders that follow a target that moves are no reason to wait again.
+        """
+        away = (self.phase in _DRIVEN and self._depth is not None and not self._stopped
+                and abs(self._needle.depth - self._depth) > _ASTRAY)
+        if not away:
+            self._away_since = None
+            return
+        if self._away_since is None:
+            self._away_since = self._t
+        since = max(self._stood[1], self._away_since)
+        if self._t - since > self.params.limits.standing:
+            needle = self._needle
+            self._fail(Outcome.NEEDLE_STANDS, f'the needle has stood at {1e3 * needle.depth:.1f} '
+                       f'mm for {self._t - since:.1f} s on its way to {1e3 * self._depth:.1f} mm, '
+                       f'under {needle.force:.1f} N; needle.force_limit_N stops it')
 
     def _there(self, depth):
         """True at a depth [m]; where drive and sensor differ, near it if the needle stands."""
         off = abs(self._needle.depth - depth)
-        stands = self._t - self._stood[1] >= max(self.params.calm, _FRESH)
+        stands = self._stands >= max(self.params.calm, _FRESH)
         return off < (_ASTRAY if stands else _ARRIVED)
 
     def _lasts_calm(self, good):
@@ -526,13 +554,15 @@ class Procedure:
         there = there + axis * (axis @ (self._aim - there))     # level with the target
         return [Order(Kind.SHOW, (*there, *self._aim))]
 
-    def _tell_curvature(self):
-        """That of this needle, once images have shown it: the probe follows the tip as told."""
-        kappa = max(self._curvature.kappa, 0.0)
-        if abs(kappa - self._told) <= _BENT * self._told:
+    def _tell_path(self):
+        """Of this needle, once images have shown it: the probe follows the tip as told."""
+        kappa, offset = max(self._curvature.kappa, 0.0), self._curvature.offset
+        before, aside = self._told
+        if (abs(kappa - before) <= _BENT * before
+                and np.linalg.norm(offset - aside) <= _ASIDE):
             return []
-        self._told = kappa
-        return [Order(Kind.BEND, (kappa,))]
+        self._told = kappa, offset
+        return [Order(Kind.BEND, (kappa, *offset))]
 
     def _probe_well(self):
         """False, and the procedure has failed, once the probe has given up."""

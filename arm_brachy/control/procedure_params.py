@@ -32,6 +32,9 @@ class StepLimits:
                                  high=600.0, source=_OWN)
     homing: float = quantity(60.0, 's', 'until the pads are home', low=0.1, high=600.0,
                              source=_OWN)
+    standing: float = quantity(2.0, 's', 'that a needle which was sent on stands still', low=0.1,
+                               high=600.0, source='own choice: more than the 0.1 s from an order '
+                                                  'to a change of the measured depth')
     waiting: float = quantity(5.0, 's', 'that the needle stands still because tip, skin or '
                                         'target are lost, or because the cell holds', low=0.1,
                               high=600.0,

@@ -44,7 +44,8 @@ class Kind(Enum):
     PLACE = 'hole (3,) [m], roll [rad]'
     DRIVE = 'depth [m], speed [m/s]'
     TURN = 'roll [rad]'
-    BEND = 'curvature [1/m] of the needle, for what is told of its tip'
+    BEND = ('curvature [1/m] of the needle and offset (3,) [m] by the tissue, for what is told of '
+            'its tip')
     SHOW = 'where the tip will be (3,) [m] and where it is to be (3,) [m], for the picture'
     STAY = 'nothing: the needle holds'
     FOLLOW = 'nothing: the probe follows the tip'
@@ -62,9 +63,10 @@ class Order:
 
 @dataclass(frozen=True)
 class NeedleSeen:
-    """What is told of the needle: depth [m]."""
+    """What is told of the needle: depth [m], force along it [N]."""
 
     depth: float
+    force: float = 0.0
 
 
 @dataclass(frozen=True)

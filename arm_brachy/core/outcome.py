@@ -38,6 +38,8 @@ class Outcome(Enum):
     OUT_OF_IMAGE = "the needle's tip lies outside the depth of the image; withdraw the needle"
     LIMIT_PASSED = 'a limit of force, speed or place was passed and the probe went back'
     NO_PLAN = 'no needle path to the target; move the template or take another hole or needle'
+    NEEDLE_STANDS = ('the needle does not go where it was sent; look at its drive, and at the '
+                     'force that stops it')
     TIMED_OUT = 'a step of the procedure took longer than allowed; the message names it'
 
     @property

@@ -3,10 +3,10 @@
 What is true: the needle's depth along its path (`insertion`), its tip on the arc of its bevel
 (`needle.NeedlePath`). What is told: the depth as a tracker of the needle's base measures it in
 one direction, as in the thesis' set-up (sec. 6.5, MicronTracker), and the tip that follows from
-hole, depth and the arc that the driver is told (`bends`); until then, if `told` is 'arc', the
-nominal arc of such needles. The true arc differs by `radius_spread`, so that the told tip is wrong
-by some tenths of a millimetre at depth; if `told` is 'straight' it is wrong by the whole
-deflection, depth^2 / (2 radius) across the axis.
+hole, depth, and the arc and offset that the driver is told (`bends`); until then, if `told` is
+'arc', the nominal arc of such needles. The true arc differs by `radius_spread`, so that the told
+tip is wrong by some tenths of a millimetre at depth; if `told` is 'straight' it is wrong by the
+whole deflection, depth^2 / (2 radius) across the axis.
 Both are the path that the tip cuts in tissue that stands still. How the shaft bends off it where
 tissue moves is the tissue's to say (`tissue.needle_beam`); nothing here measures that.
 """
@@ -27,6 +27,7 @@ from arm_brachy.devices.sampling import DelayLine, SampleTimes, fraction
 _REST_SPEED = 1e-5   # m/s, below which the needle counts as at rest
 _SAME_HOLE = 1e-4    # m from a hole, within which it is meant
 _STRONGEST = 20.0    # 1/m, more than any needle bends
+_FARTHEST = 10e-3    # m, more than tissue that is pushed takes a shaft off its path
 _ROUNDING = 1e-9     # m, over a limit that is no command but a conversion of units
 
 
@@ -191,7 +192,7 @@ class NeedleDriver:
     def _insert_into(self, hole, roll):
         self.path = NeedlePath(self._true, hole, self._axis, self._side)
         self.path.turn(roll)
-        self._hole, self._turns = hole, [(0.0, roll)]
+        self._hole, self._turns, self._offset = hole, [(0.0, roll)], np.zeros(3)
         self._told = self._told_again(0.0)
 
     def _told_again(self, depth):
@@ -211,14 +212,21 @@ class NeedleDriver:
             kept = [one for one in self._turns if one[0] <= depth]
             self._turns = [*kept, (depth, self._turns[-1][1])]
 
-    def bends(self, curvature):
+    def bends(self, curvature, offset=(0.0, 0.0, 0.0)):
         """Tell that this needle bends by a curvature [1/m]: the told tip follows that arc.
 
-        Raises CommandRefused for one that no needle has.
+        offset : (3,) [m] from there to where it is: the tissue has bent the shaft off its path;
+            until the needle is placed again
+        Raises CommandRefused for what no needle does.
         """
         if not 0.0 <= curvature <= _STRONGEST:
             self._refuse(f'needle: curvature = {curvature:.6g} 1/m; must be 0 to '
                          f'{_STRONGEST:g}')
+        if not np.linalg.norm(offset) <= _FARTHEST:
+            place = ', '.join(f'{1e3 * c:.1f}' for c in offset)
+            self._refuse(f'needle: offset = ({place}) mm; must be finite, at most '
+                         f'{1e3 * _FARTHEST:g} mm long')
+        self._offset = np.array(offset, dtype=float)
         self._radius = 1.0 / curvature if curvature > 0.0 else np.inf
         self._told = self._told_again(self._told.depth)
 
@@ -362,7 +370,7 @@ class NeedleDriver:
 
     def _told_tip(self):
         t, n = self._told.t, self._told.n
-        return np.column_stack([n, np.cross(t, n), t]), self._told.p
+        return np.column_stack([n, np.cross(t, n), t]), self._told.p + self._offset
 
     def _outcome(self):
         if self._refusal:

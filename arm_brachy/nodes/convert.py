@@ -23,6 +23,9 @@ from std_msgs.msg import Header
 
 from arm_brachy.cell import Reading
 from arm_brachy.control.gate import Order
+from arm_brachy.control.procedure_steps import NeedleSeen, ProbeSeen
+from arm_brachy.core.errors import InputError
+from arm_brachy.core.outcome import Outcome
 from arm_brachy.tissue.needle_path import NeedleInTissue
 from arm_brachy_msgs.msg import (
     ActuatorCommand,
@@ -307,6 +310,21 @@ def needle_state(t_ns, frame, state):
     return JointState(header=header(t_ns, frame), name=['needle', 'roll'],
                       position=floats([state.depth, state.roll]),
                       velocity=floats([state.velocity, 0.0]), effort=floats([state.force, 0.0]))
+
+
+def needle_seen(msg):
+    """control.procedure_steps.NeedleSeen of such a JointState; InputError if it has no joint."""
+    if len(msg.position) == 0:
+        raise InputError('no joint; must be needle, roll')
+    return NeedleSeen(msg.position[0], msg.effort[0] if len(msg.effort) > 0 else np.nan)
+
+
+def probe_seen(msg):
+    """control.procedure_steps.ProbeSeen of a ProbeState; InputError for an outcome of nobody."""
+    if msg.outcome not in Outcome.__members__:
+        raise InputError(f'outcome {msg.outcome!r}; must be a name of core.outcome.Outcome')
+    return ProbeSeen(msg.phase, msg.in_contact, msg.out_of_plane, Outcome[msg.outcome],
+                     msg.message)
 
 
 def needle_shaft(t_ns, frame, points, axes):

@@ -15,7 +15,7 @@ from arm_brachy.nodes.ticker import Ticker
 from arm_brachy_msgs.msg import ActuatorCommand
 
 HOLE = ('hole_x', 'hole_y', 'hole_z', 'roll')
-CURVATURE = ('curvature',)
+BENT = ('curvature', 'off_x', 'off_y', 'off_z')
 
 
 class NeedleDriverNode(Node):
@@ -24,7 +24,8 @@ class NeedleDriverNode(Node):
     in   needle/command      ActuatorCommand  names [needle]: to a depth [m], velocity: speed
                                               [hole_x, hole_y, hole_z, roll]: into a hole [m, rad]
                                               [roll]: base turned [rad]
-                                              [curvature]: that the told tip follows [1/m]
+                                              [curvature, off_x, off_y, off_z]: that the told
+                                              tip follows [1/m], and its distance from there [m]
          cell/safety         SafetyState      HOLD brakes, STOP stands still until ~/release
          truth/needle_force  WrenchStamped    of the tissue, the tick before
     out  needle/state        JointState       every tick: [needle, roll]; depth as last measured
@@ -106,14 +107,14 @@ class NeedleDriverNode(Node):
             self._driver.place(values[:3], values[3])
         elif names == HOLE[-1:] and len(values) == 1:
             self._driver.turn(values[0])
-        elif names == CURVATURE and len(values) == 1:
-            self._driver.bends(values[0])
+        elif names == BENT and len(values) == len(BENT):
+            self._driver.bends(values[0], values[1:])
         elif names in (('needle',), ()) and len(values) == 1 and len(msg.velocity) <= 1:
             self._driver.command(values[0], *msg.velocity)
         else:
             self._refuse(t_ns, 'unknown joints', f'needle: {list(names)} with {len(values)} '
-                         f'positions; must be needle, roll, curvature or {", ".join(HOLE)}, with '
-                         'one position each')
+                         f'positions; must be needle, roll, {", ".join(BENT)} or '
+                         f'{", ".join(HOLE)}, with one position each')
 
     def _refuse(self, t_ns, kind, message):
         self._refused += 1

@@ -101,7 +101,7 @@ class OperatorNode(Node):
     def _conduct(self, tick, t_ns, inputs):
         """A tick of a procedure."""
         one = self._conductor
-        one.hear(inputs)
+        one.hear(t_ns, inputs)
         if one.over:
             self._leave()
             return None

@@ -7,9 +7,10 @@ from std_srvs.srv import Trigger
 
 from arm_brachy import cell as cells
 from arm_brachy import graph
-from arm_brachy.control.procedure_steps import MOVE, Kind, NeedleSeen, ProbeSeen
+from arm_brachy.control.procedure_steps import MOVE, Kind
 from arm_brachy.control.safety import Permission
 from arm_brachy.control.sequencer import at_home
+from arm_brachy.core.errors import InputError
 from arm_brachy.core.outcome import Outcome
 from arm_brachy.nodes import convert
 from arm_brachy_msgs.msg import ActuatorCommand, TaskState
@@ -18,7 +19,7 @@ from arm_brachy_msgs.srv import SetGoal
 TRIGGERS = {Kind.RETRACT: 'probe_controller/retract'}
 KEYED = {Kind.SCAN: 'surface_scanner/scan', Kind.FOLLOW: 'probe_controller/follow'}
 NEEDLE_NAMES = {Kind.PLACE: ('hole_x', 'hole_y', 'hole_z', 'roll'), Kind.TURN: ('roll',),
-                Kind.BEND: ('curvature',)}
+                Kind.BEND: ('curvature', 'off_x', 'off_y', 'off_z')}
 
 
 class ProcedureConductor:
@@ -27,8 +28,9 @@ class ProcedureConductor:
     in   needle/state, probe/state, ultrasound/tip, ultrasound/target, surface/cloud,
          estimate/<feedback>/<target>, actuators/state, cell/safety
     out  needle/command  ActuatorCommand   names [needle]: depth; [hole_x, hole_y, hole_z, roll]:
-                                           into a hole; [roll]: turned at its base; [curvature]:
-                                           as the images show it
+                                           into a hole; [roll]: turned at its base;
+                                           [curvature, off_x, off_y, off_z]: its path as the
+                                           images show it
          needle/aim      PoseArray         where the tip will be, and is to be, for the picture
          procedure/state DiagnosticArray   at every new step: plan and outcome
          cell/task       TaskState         while the pads move the target, and at the end
@@ -58,7 +60,7 @@ class ProcedureConductor:
         self._phase = None      # of the procedure, when it gave the orders that are carried out
         self._said, self._task = None, TaskState(name=MOVE, target=scenario.procedure.target)
 
-    def hear(self, inputs):
+    def hear(self, t_ns, inputs):
         """Take what has come: topic name -> messages."""
         p = self.procedure
         for msg in inputs.get(graph.SAFETY.name, ()):
@@ -66,10 +68,9 @@ class ProcedureConductor:
         for msg in inputs.get(self._estimate, ()):
             p.hear_target(convert.nanoseconds(msg) * 1e-9, convert.xyz(msg.pose.pose.position))
         for msg in inputs.get(graph.NEEDLE_STATE.name, ()):
-            p.hear_needle(NeedleSeen(msg.position[0]))
+            self._take(t_ns, graph.NEEDLE_STATE, p.hear_needle, convert.needle_seen, msg)
         for msg in inputs.get(graph.PROBE_STATE.name, ()):
-            p.hear_probe(ProbeSeen(msg.phase, msg.in_contact, msg.out_of_plane,
-                                   Outcome[msg.outcome], msg.message))
+            self._take(t_ns, graph.PROBE_STATE, p.hear_probe, convert.probe_seen, msg)
         for msg in inputs.get(graph.ULTRASOUND_TIP.name, ()):
             p.hear_image(convert.nanoseconds(msg) * 1e-9, convert.xyz(msg.pose.position))
         for msg in inputs.get(graph.ULTRASOUND_TARGET.name, ()):
@@ -78,6 +79,13 @@ class ProcedureConductor:
             p.hear_surface()
         for msg in inputs.get(graph.ACTUATORS.name, ()):
             p.hear_pads(at_home(msg.position, msg.velocity))
+
+    def _take(self, t_ns, topic, hear, meaning, msg):
+        """Hear what a message means; one that means nothing is named and left out."""
+        try:
+            hear(meaning(msg))
+        except InputError as problem:
+            self._health.refuse(t_ns, Outcome.REJECTED, f'{topic.name}: {problem}')
 
     def step(self, t_ns):
         """Carry out what the procedure orders; returns (future or None, finished)."""

@@ -1,5 +1,6 @@
 """Parameters of the arm that holds the probe."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -122,6 +123,12 @@ class ProbeArmParams:
             if not low < high:
                 raise ConfigError(f'probe: {less}_N = {low:g} with {more}_N = {high:g}; must be '
                                   'less: release_N < touch_N < force_N < force_most_N')
+        far = math.hypot(*self.home)
+        if far > self.reach or self.home[2] < self.floor:
+            place = ', '.join(f'{1e3 * c:g}' for c in self.home)
+            raise ConfigError(f'probe: home_mm = ({place}), {1e3 * far:.0f} mm from the origin; '
+                              f'must be within reach_mm = {1e3 * self.reach:g} and not below '
+                              f'floor_mm = {1e3 * self.floor:g}: the arm keeps to them')
         if self.probe_holder != 'scissor_rcm':
             return
         for key, only, why in (

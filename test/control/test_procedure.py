@@ -42,7 +42,8 @@ class Toy:
         self.t, self.orders, self.phases = 0.0, [], []
         self.target, self.goal = np.array([0.0, 0.002, 0.0]), None
         self.depth, self.drive, self.hole, self.probe = 0.0, (0.0, 0.0), HOLES[1, 1], 0
-        self.curvature = None       # 1/m that the needle was told to have
+        self.told = 1.0 / BEND, np.zeros(3)     # curvature [1/m] and offset [m] of the needle
+        self.aside = np.zeros(3)    # m by which the tissue has bent it off its path
         self.shown = []             # depth, where the tip will be, where it is to be
         self.p, self.t_dir, self.n, self.home = self.hole.copy(), AXIS, SIDE, True
         self.permission, self.contact, self.seen_off = Permission.RUN, True, None
@@ -69,7 +70,7 @@ class Toy:
                                *self._probe_says()))
         p.hear_pads(self.home)
         if touching and 'sight' not in self.broken:
-            p.hear_image(self.t, self.p)
+            p.hear_image(self.t, self.p + self.aside)
             if self.seen_off is not None:
                 p.hear_target_image(self.t, self.target + self.seen_off)
         for order in p.step(self.t):
@@ -105,7 +106,7 @@ class Toy:
         elif kind is Kind.REST:
             self.goal = None
         elif kind is Kind.BEND:
-            self.curvature = value[0]
+            self.told = value[0], np.array(value[1:])
         elif kind is Kind.SHOW:
             self.shown.append((self.depth, np.array(value[:3]), np.array(value[3:])))
         elif kind is Kind.RELEASE:
@@ -352,8 +353,21 @@ def test_each_image_of_the_tip_is_answered_by_where_it_will_be():
 
 def test_a_needle_of_another_arc_is_told_as_the_images_show_it_and_a_usual_one_is_not():
     other, usual = (Toy(radius=r, overlay=False).run(until=Phase.DWELLING) for r in (0.3, BEND))
-    assert abs(other.curvature - 1.0 / 0.3) < 0.5 * (1.0 / 0.3 - 1.0 / BEND)
-    assert usual.curvature is None
+    assert abs(other.told[0] - 1.0 / 0.3) < 0.5 * (1.0 / 0.3 - 1.0 / BEND)
+    assert abs(usual.told[0] * BEND - 1.0) < 0.02 and np.linalg.norm(usual.told[1]) < 0.1e-3
+
+
+def test_a_needle_that_the_tissue_has_bent_aside_is_told_where_the_images_show_it():
+    """0.5 mm down since the probe pressed, and an arc of 0.3 m; across the axis, by the depth."""
+    toy = Toy(radius=0.3, overlay=False)
+    toy.aside = np.array([0.0, 0.0, -0.5e-3])
+    toy.run(until=Phase.DWELLING)
+    plan, (kappa, offset) = toy.procedure.plan, toy.told
+    told = plan.hole + arc(plan.roll, toy.depth, plan.turn, 1.0 / kappa) + offset
+    blind = plan.hole + arc(plan.roll, toy.depth, plan.turn)
+    true = toy.p + toy.aside
+    assert np.linalg.norm((told - true)[1:]) < 0.15e-3
+    assert np.linalg.norm((blind - true)[1:]) > 0.5e-3
 
 
 def test_pads_rest_while_the_needle_goes_out():
@@ -413,7 +427,7 @@ def test_pads_take_a_target_that_is_seen_beside_the_needle_onto_its_way(recentre
 
 @pytest.mark.parametrize(('broken', 'phase', 'outcome'), [
     ({'target'}, 'registering', Outcome.TIMED_OUT), ({'pads'}, 'moving', Outcome.TIMED_OUT),
-    ({'scanner'}, 'scanning', Outcome.TIMED_OUT), ({'needle'}, 'placing', Outcome.TIMED_OUT),
+    ({'scanner'}, 'scanning', Outcome.TIMED_OUT), ({'needle'}, 'placing', Outcome.NEEDLE_STANDS),
     ({'probe'}, 'approaching', Outcome.UNREACHABLE), ({'home'}, 'homing', Outcome.TIMED_OUT),
 ])
 def test_each_failure_is_named_once_and_everything_goes_back(broken, phase, outcome):
@@ -423,6 +437,31 @@ def test_each_failure_is_named_once_and_everything_goes_back(broken, phase, outc
     assert p.message.startswith(f'{phase}: ') and '\n' not in p.message
     assert toy.orders[-1] is Kind.FINISH and Kind.RELEASE in toy.orders
     assert toy.depth < 2e-3 and toy.probe == 0
+
+
+@pytest.mark.parametrize('breath', [0.0, 1e-3])
+def test_a_needle_that_something_stops_on_its_way_in_is_named_within_seconds(breath):
+    """Also where its depth is ordered anew again and again, for a target that moves."""
+    toy = Toy(overlay=False).run(until=Phase.INSERTING)
+    toy.run(1.0)
+    toy.broken.add('needle')
+    since, centre = toy.t, toy.target
+    while toy.procedure.phase is Phase.INSERTING and toy.t < since + 20.0:
+        toy.target = centre + breath * np.sin(0.5 * np.pi * toy.t) * AXIS
+        toy.tick()
+    assert toy.t - since < ProcedureParams('t').limits.standing + 3 * TICK
+    assert toy.procedure.outcome is Outcome.NEEDLE_STANDS
+    assert 'has stood at' in toy.procedure.message and ' N;' in toy.procedure.message
+
+
+def test_a_probe_that_gives_up_at_the_target_is_named():
+    toy = Toy(dwell=3.0, overlay=False).run(until=Phase.DWELLING)
+    toy.broken.add('probe')
+    toy.probe = 3
+    toy.tick()
+    assert toy.procedure.phase is Phase.WITHDRAWING
+    assert toy.procedure.outcome is Outcome.UNREACHABLE
+    assert toy.procedure.message.startswith('dwelling: ')
 
 
 def test_the_needle_waits_for_the_probe_and_goes_on():

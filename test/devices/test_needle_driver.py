@@ -121,6 +121,9 @@ def test_the_told_tip_follows_the_arc_that_the_driver_is_told():
     assert np.allclose(state.tip_p, state.shaft[-1], atol=1e-9)
     needle.bends(0.0)
     assert np.allclose(needle.read(15.1).tip_p, HOLE + 0.08 * AXIS, atol=1e-9)
+    off = np.array([0.0, 0.3e-3, -0.4e-3])
+    needle.bends(0.0, off)
+    assert np.allclose(needle.read(15.15).tip_p, HOLE + 0.08 * AXIS + off, atol=1e-9)
 
 
 @pytest.mark.parametrize('curvature', [-1.0, 21.0, np.nan])
@@ -128,6 +131,13 @@ def test_a_curvature_that_no_needle_has_is_refused(curvature):
     needle = driver()
     with pytest.raises(CommandRefused, match='curvature'):
         needle.bends(curvature)
+
+
+@pytest.mark.parametrize('offset', [(0.0, 0.0, 0.011), (np.nan, 0.0, 0.0)])
+def test_an_offset_that_no_tissue_causes_is_refused(offset):
+    needle = driver()
+    with pytest.raises(CommandRefused, match='offset'):
+        needle.bends(2.5, offset)
 
 
 def test_in_another_hole_it_goes_another_way():

@@ -10,6 +10,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
 from arm_brachy import graph
+from arm_brachy.core.errors import InputError
 from arm_brachy.nodes import convert
 from arm_brachy.nodes.needle_driver import NeedleDriverNode
 from arm_brachy.nodes.recorder import Thinning
@@ -17,7 +18,7 @@ from arm_brachy.nodes.surface_scanner import SurfaceScannerNode
 from arm_brachy.nodes.ultrasound_imager import UltrasoundImagerNode
 from arm_brachy.scenario import load_cell
 from arm_brachy.tissue.build import load_scene_mesh
-from arm_brachy_msgs.msg import ProbeContact, SafetyState
+from arm_brachy_msgs.msg import ProbeContact, ProbeState, SafetyState
 
 pytestmark = pytest.mark.ros
 TICK = 50_000_000
@@ -87,7 +88,7 @@ def test_the_needle_goes_to_its_depth_turns_and_stops(make):
     assert np.allclose(convert.pose_of(shaft.poses[-1])[0][:, 2], R[:, 2], atol=0.01)
     tick(50, SAFETY=safety(50), NEEDLE_COMMAND=command(50, ['roll'], [0.5]))
     assert out['_state_pub'][-1].position[1] == 0.5
-    told, curved = tip, command(50, ['curvature'], [5.0])
+    told, curved = tip, command(50, ['curvature', 'off_x', 'off_y', 'off_z'], [5, 0, 0, 0])
     tick(50, SAFETY=safety(50), NEEDLE_COMMAND=curved)
     aside = convert.xyz(out['_tip_pub'][-1].pose.position) - convert.xyz(told.pose.position)
     assert 2e-4 < np.linalg.norm(aside) < 2e-3      # 20^2 / 2 (5 - 2.5) / 1000 = 0.5 mm, and noise
@@ -112,7 +113,8 @@ def test_a_needle_command_that_means_nothing_is_refused_in_one_line(make):
     tick(30, NEEDLE_COMMAND=command(30, ['needle'], []))
     tick(60, NEEDLE_COMMAND=command(60, ['needle'], [0.01]))
     tick(90, NEEDLE_COMMAND=command(1, ['needle'], [0.02]))
-    assert len(said) == 3 and all('needle, roll, curvature or hole_x' in line for line in said[:2])
+    assert len(said) == 3
+    assert all('needle, roll, curvature, off_x, off_y, off_z or hole_x' in s for s in said[:2])
     assert 'needle/command: stamped' in said[2] and 'ago' in said[2]
 
 
@@ -175,3 +177,12 @@ def test_a_recorder_keeps_the_first_image_of_each_period():
     assert kept == [1, 4, 8, 12, 16, 20]
     slow = Thinning(50.0)
     assert all(slow.keeps(k * TICK) for k in range(5))
+
+
+@pytest.mark.parametrize(('meaning', 'msg', 'said'), [
+    (convert.needle_seen, JointState(), 'no joint'),
+    (convert.probe_seen, ProbeState(outcome='FINE'), "outcome 'FINE'; must be a name"),
+])
+def test_a_state_that_means_nothing_is_refused_by_name(meaning, msg, said):
+    with pytest.raises(InputError, match=said):
+        meaning(msg)
