@@ -99,6 +99,21 @@ STATICS = NewtonOptions(tolerance=1e-8)
 STUCK = 2.0     # s without an equilibrium after which a body is no plant any more
 
 
+class _Lost:
+    """An equilibrium that was looked for in vain `tries` times."""
+
+    def __init__(self, state, good, pads, tries):
+        """state : TissueState;  good, pads : (p, 3) [m] at the last equilibrium, and now"""
+        self.state, self.tries = state, tries
+        self._good, self._off = good, np.abs(pads - good).max(initial=0.0)
+        self._left = 2 ** (tries - 1) - 1
+
+    def waits(self, pads):
+        """True while it is not worth looking for again; pads : (p, 3) [m] as they are now."""
+        self._left -= 1
+        return self._left >= 0 and np.abs(pads - self._good).max(initial=0.0) >= self._off
+
+
 class Body:
     """A soft body with its markers and targets: pad positions in, Reading out."""
 
@@ -109,6 +124,7 @@ class Body:
         """
         self._release, self._started = release, False
         self._good = -np.inf     # s, of the last equilibrium
+        self._lost = None        # a _Lost since then
         self._body = build_body(scene)
         self.mesh = self._body.mesh
         self.surface = boundary_faces(self.mesh)
@@ -118,6 +134,7 @@ class Body:
         self.pad_names = self._body.pad_names
         true_pads = self._simulator.body.pads
         self._directions = np.array([p.direction for p in true_pads]).reshape(-1, 3)
+        self._pads = np.zeros_like(self._directions)    # m, at the last equilibrium
         markers, targets = scene.markers, scene.targets
         self.point_names = tuple(m.name for m in (*markers, *targets))
         self._rest = np.array([m.position for m in (*markers, *targets)]).reshape(-1, 3)
@@ -155,12 +172,26 @@ class Body:
             state = self._simulator.reset(t)
         elif not self._started:
             self._simulator.reset(t)
-            state = self._simulator.settle(displacement)
+            state, self._pads = self._simulator.settle(displacement), displacement
         else:
-            state = self._simulator.step(t, displacement, Tools(probe, needle))
+            state = self._advance(t, displacement, Tools(probe, needle))
         self._refuse_stuck(t, state.outcome, q, probe)
         self._started = True
         return self._reading(state, displacement)
+
+    def _advance(self, t, displacement, tools):
+        """The TissueState at t. An equilibrium that is not there takes a hundred times as long to
+        look for as one that is: it is looked for after 1, 2, 4, 8 steps, or once pads come back.
+        """
+        if self._lost is not None and self._lost.waits(displacement):
+            return replace(self._lost.state, t=t, iterations=0)
+        state = self._simulator.step(t, displacement, tools)
+        if state.outcome.ok:
+            self._lost, self._pads = None, displacement
+        else:
+            tries = 0 if self._lost is None else self._lost.tries
+            self._lost = _Lost(state, self._pads, displacement, tries + 1)
+        return state
 
     def _refuse_stuck(self, t, outcome, q, probe):
         if outcome.ok or not self._started:

@@ -8,6 +8,7 @@ import pytest
 from arm_brachy.cell import Body
 from arm_brachy.control.tissue_model import TissueModel
 from arm_brachy.core.errors import NotConverged
+from arm_brachy.core.outcome import Outcome
 from arm_brachy.core.paths import share_dir
 from arm_brachy.core.scene import load_scene
 from arm_brachy.tissue.terms.breathing import Breathing
@@ -114,6 +115,25 @@ def test_base_markers_breathe_and_pad_markers_do_not(scene):
             np.testing.assert_array_equal(way[name], np.zeros(3))
     low = [way[m.name][1] for m in scene.markers if m.body == 'tissue' and m.position[2] < 0.015]
     assert 0.0 < np.mean(low) < 2e-3  # held by the pads, drawn along by the base
+
+
+def test_an_equilibrium_that_is_not_there_is_looked_for_ever_less_often(scene, monkeypatch):
+    """Pads driven into each other: tries at steps 1, 2, 4, 8, 16; at once when they come back."""
+    body, crushed, tries = Body(scene, ()), np.full(len(scene.pads), 0.06), []
+    body.step(0.0, 0.0 * crushed)
+    simulator = body._simulator
+
+    def in_vain(t, *_):
+        tries.append(round(t / 0.05))
+        return dataclasses.replace(simulator.state, t=t, outcome=Outcome.NOT_CONVERGED)
+
+    monkeypatch.setattr(simulator, 'step', in_vain)
+    readings = [body.step(0.05 * k, crushed) for k in range(1, 21)]
+    assert tries == [1, 2, 4, 8, 16]
+    assert all(r.outcome is Outcome.NOT_CONVERGED for r in readings)
+    assert [r.t for r in readings] == [0.05 * k for k in range(1, 21)]
+    monkeypatch.undo()
+    assert body.step(1.05, 0.01 * crushed).outcome.ok
 
 
 def test_a_body_without_an_equilibrium_stands_still_and_is_refused_once_it_has_for_long(scene):
