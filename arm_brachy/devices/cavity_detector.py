@@ -91,12 +91,12 @@ class CavityDetector:
             return None
         # The middle of a coarse pixel is that of the pixels it is made of.
         at = (edge + 0.5) * _COARSER - 0.5 + corner
-        return (at - [0.5 * (self._image.width - 1), 0.0]) * self._image.pixel
+        return self._image.places(at)
 
     def _cropped(self, picture, expected):
         """Part (h, w) of the picture within the window, and its first pixel (u, v)."""
         image = self._image
-        centre = np.asarray(expected) / image.pixel + [0.5 * (image.width - 1), 0.0]
+        centre = image.pixels(expected)
         reach = self.params.window / image.pixel
         low = np.clip(np.floor(centre - reach), 0, picture.shape[::-1]).astype(int)
         high = np.clip(np.ceil(centre + reach), 0, picture.shape[::-1]).astype(int)
@@ -117,9 +117,8 @@ class CavityDetector:
         return blur[0] / np.maximum(blur[1], 1e-6), blur[1]
 
     def _hide(self, known, corner, needle):
-        image, p = self._image, self.params
-        u, v = (np.asarray(needle) / image.pixel + [0.5 * (image.width - 1), 0.0] - corner
-                ) / _COARSER
+        p = self.params
+        u, v = (self._image.pixels(needle) - corner) / _COARSER
         side, above = p.needle / self._pixel
         top, bottom = v - above, v + p.tail / self._pixel[1]
         known[max(0, round(top)):max(0, round(bottom) + 1),

@@ -83,14 +83,10 @@ class NeedleEcho:
 def _span(x, z, params):
     """Columns and rows of the image that a spot at (x, z) [m] reaches."""
     pixel, sigma = params.pixel, params.sigma[[0, 2]]
-    centre = _pixels(x, z, params)
+    centre = params.pixels([x, z])
     reach = np.ceil(3.0 * sigma / pixel).astype(int)
     return tuple(np.arange(max(0, int(c) - r), min(n, int(c) + r + 2))
                  for c, r, n in zip(centre, reach, (params.width, params.height), strict=True))
-
-
-def _pixels(x, z, params):
-    return np.array([x, z]) / params.pixel + [0.5 * (params.width - 1), 0.0]
 
 
 def _add_spot(band, x, z, level, params):
@@ -99,6 +95,6 @@ def _add_spot(band, x, z, level, params):
     if not len(v):
         return
     across, down = (np.exp(-0.5 * ((k - c) * w / s)**2) for k, c, w, s in
-                    zip((u, v), _pixels(x, z, params), params.pixel, params.sigma[[0, 2]],
+                    zip((u, v), params.pixels([x, z]), params.pixel, params.sigma[[0, 2]],
                         strict=True))
     band[v[0]:v[-1] + 1] += level * np.outer(down, across).astype(np.float32)

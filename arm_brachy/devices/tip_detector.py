@@ -62,7 +62,7 @@ class TipDetector:
         middle = np.array([0.0, 0.0, 0.5 * self._image.depth])
         echo = NeedleEcho(needle, self._image).envelope(middle, np.array([0.0, 1.0, 0.0]))
         picture = ImageFormer(self._image).compress(np.maximum(echo, np.float32(1.0)))
-        v, u = middle[2] / pixel[1], 0.5 * (self._image.width - 1)
+        u, v = self._image.pixels(middle[[0, 2]])
         side, above, below = (round(length / w) for length, w in (
             (p.head, pixel[0]), (p.head, pixel[1]), (p.tail, pixel[1])))
         top, left = round(v) - above, round(u) - side
@@ -79,7 +79,7 @@ class TipDetector:
 
         expected : (2,) [m] x, z in the image plane, around which is searched
         """
-        centre = np.asarray(expected) / self._image.pixel + [0.5 * (self._image.width - 1), 0.0]
+        centre = self._image.pixels(expected)
         reach = self.params.window / self._image.pixel
         size = self._template.shape[::-1]
         low = np.maximum(np.floor(centre - reach - self._head), 0).astype(int)
@@ -91,7 +91,7 @@ class TipDetector:
         match = cv2.matchTemplate(window, self._template, cv2.TM_CCOEFF_NORMED)
         v, u = np.unravel_index(match.argmax(), match.shape)
         at = np.array([u + _peak(match[v], u), v + _peak(match[:, u], v)]) + low + self._head
-        x, z = (at - [0.5 * (self._image.width - 1), 0.0]) * self._image.pixel
+        x, z = self._image.places(at)
         best = float(match[v, u])
         if best < self.params.least:
             return Detection(False, np.nan, np.nan, best)

@@ -65,7 +65,7 @@ class UltrasoundParams:
                            source='usual frame rate at this depth')
 
     def __post_init__(self):
-        """Raise ConfigError for a picture without room for a resolution cell, or too large."""
+        """Raise ConfigError for a picture with too few or too many pixels."""
         for name in ('width', 'height'):
             if not _FEWEST <= getattr(self, name) <= _MOST:
                 raise ConfigError(f'{name} = {getattr(self, name)}; must be {_FEWEST} to {_MOST} '
@@ -75,6 +75,14 @@ class UltrasoundParams:
     def pixel(self):
         """(2,) [m] between pixels along the elements and with depth."""
         return np.array([self.aperture / self.width, self.depth / self.height])
+
+    def pixels(self, places):
+        """(..., 2) [pixel] u, v of places (..., 2) [m] x, z in the image plane."""
+        return np.asarray(places) / self.pixel + [0.5 * (self.width - 1), 0.0]
+
+    def places(self, pixels):
+        """(..., 2) [m] x, z in the image plane of `pixels` (..., 2) u, v."""
+        return (np.asarray(pixels) - [0.5 * (self.width - 1), 0.0]) * self.pixel
 
     @property
     def sigma(self):

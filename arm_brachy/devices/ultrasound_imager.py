@@ -185,9 +185,9 @@ class Imager:
             R, p = told_probe
             tip_W = p + R @ [detection.x, 0.0, detection.z]
             head = np.array([detection.x, detection.z])
-            found = self._pixels(*head)
+            found = self.params.image.pixels(head)
         cavity, outline = self._locate(t, picture, told_probe, place, head)
-        expected = None if place is None else self._pixels(*place)
+        expected = None if place is None else self.params.image.pixels(place)
         drawn = overlay(picture, self.params.image.pixel, holes, expected, found, outline, aim)
         return Frame(t, picture, drawn, detection, tip_W, cavity, outcome, message)
 
@@ -235,7 +235,7 @@ class Imager:
         tip, axis = (np.asarray(p_tip) - p) @ R, R.T @ R_tip[:, 2]
         place, _ = self._echo.crossing(tip, axis)
         place, image = place[[0, 2]], self.params.image
-        u, v = self._pixels(*place)
+        u, v = self.params.image.pixels(place)
         if abs(tip[1]) > image.elevation or not (0 <= u < image.width and 0 <= v < image.height):
             return None, place, Outcome.TIP_OUT_OF_IMAGE, (
                 f'imager: the tip is {1e3 * tip[1]:.1f} mm from the image plane, '
@@ -262,12 +262,7 @@ class Imager:
         self._cavity.see(t, *told_probe, outline)
         if outline is None:
             return None, None
-        pixels = outline / self.params.image.pixel + [0.5 * (self.params.image.width - 1), 0.0]
-        return self._cavity.cavity, pixels
-
-    def _pixels(self, x, z):
-        image = self.params.image
-        return np.array([x, z]) / image.pixel + [0.5 * (image.width - 1), 0.0]
+        return self._cavity.cavity, self.params.image.pixels(outline)
 
 
 def _crossing(shaft):

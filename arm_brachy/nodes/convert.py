@@ -366,7 +366,7 @@ def image_info(t_ns, frame, params):
     An ultrasound image is no projection: K and P say u = K[0] x + K[2], v = K[4] z + K[5], with
     x along the elements and z deep, in metres of the probe's frame, and no distortion.
     """
-    (fx, fz), cx = 1.0 / params.pixel, 0.5 * (params.width - 1)
+    (fx, fz), (cx, _) = 1.0 / params.pixel, params.pixels([0.0, 0.0])
     k = [fx, 0.0, cx, 0.0, fz, 0.0, 0.0, 0.0, 1.0]
     return CameraInfo(header=header(t_ns, frame), height=params.height, width=params.width, k=k,
                       r=np.eye(3).ravel(), p=np.column_stack([np.reshape(k, (3, 3)),
