@@ -15,6 +15,7 @@ from itertools import pairwise
 import numba
 import numpy as np
 
+from arm_brachy.core.errors import ConfigError
 from arm_brachy.devices.ultrasound import SLICE
 
 _PER_SD = np.float32(400.0)   # entries of a table of a Gaussian in a standard deviation
@@ -47,7 +48,7 @@ class TissueScatterers:
     """
 
     def __init__(self, rest, elements, density, regions, rng):
-        """Draw numbers and places; see the class."""
+        """Draw numbers and places. Raises ConfigError for elements too large for the pool."""
         self.rest = np.array(rest, dtype=float)
         elements = np.asarray(elements)
         if elements.shape[1] > 4:
@@ -55,7 +56,11 @@ class TissueScatterers:
         corners = self.rest[elements]
         volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
         self.elements = np.ascontiguousarray(elements, dtype=np.int64)
-        self.count = np.minimum(rng.poisson(density * volume), _POOL)
+        self.count = rng.poisson(density * volume)
+        if self.count.max(initial=0) > _POOL:
+            raise ConfigError(f'ultrasound: an element of {1e6 * volume.max():.0f} cm3 holds '
+                              f'{self.count.max()} scatterers; must be at most {_POOL}: refine '
+                              'the mesh, or lower image.density_per_mm3')
         self.first = rng.integers(0, _POOL - self.count, endpoint=True)
         self.pool = _pool(rng)
         spheres = [[*r.centre, r.radius**2, r.gain] for r in regions]

@@ -113,14 +113,6 @@ class Template:
                 for n in (self.params.columns, self.params.rows))
         return self.p + x[:, None, None] * self.R[:, 0] + y[:, None] * self.R[:, 1]
 
-    def nearest(self, point):
-        """Return (column, row) of the hole whose axis passes nearest to a point (3,) [m]."""
-        local = self.R.T @ (np.asarray(point, dtype=float) - self.p)
-        middle = np.array([self.params.columns - 1, self.params.rows - 1]) / 2.0
-        found = np.round(local[:2] / self.params.pitch + middle).astype(int)
-        most = [self.params.columns - 1, self.params.rows - 1]
-        return tuple(int(k) for k in np.clip(found, 0, most))
-
     def in_image(self, R, p, image):
         """Return where the axes of all holes pierce the image plane, (columns, rows, 2) [pixel].
 

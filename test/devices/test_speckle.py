@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from arm_brachy.core.errors import ConfigError
 from arm_brachy.devices.speckle import EchoRegion, TissueScatterers
 from arm_brachy.devices.ultrasound import ImageFormer, UltrasoundParams
 
@@ -137,3 +138,10 @@ def test_same_seed_same_bits():
 def test_far_from_the_body_nothing_is_seen():
     image, seen = FORMER.tissue(body(3), NODES + [0.0, 0.1, 0.0])
     assert seen == 0 and image.max() == 0.0
+
+
+def test_an_element_with_more_scatterers_than_the_pool_is_refused():
+    """A cube of 6 cm in six tetrahedra of 36 cm3, 1.08 million scatterers each."""
+    nodes, elements = block([0, 0, 0], [0.06, 0.06, 0.06], (1, 1, 1), quadratic=False)
+    with pytest.raises(ConfigError, match='an element of 36 cm3 holds .* scatterers; must be'):
+        TissueScatterers(nodes, elements, PARAMS.density, (), np.random.default_rng(0))
