@@ -29,7 +29,16 @@ TERMS = {
     'loose base, 28 mm': {'name': 'base_debond', 'radius_mm': 28, 'centre_mm': [18, 4, 0]},
     'wall': {'name': 'obstacle', 'gap_mm': 0.05, 'centre_mm': [-13, -6, 57], 'radius_mm': 18},
     'lump': {'name': 'inclusion', 'radius_mm': 9, 'ratio': 5, 'centre_mm': [15, 5, 25]},
-    'gradient': {'name': 'stiffness_gradient', 'gradient_per_m': [8, 0, 0]},    # hangs on none
+    'pad elsewhere': {'name': 'pad_misplacement', 'pads': ['pad_1'], 'side_mm': 2, 'up_mm': 1},
+    # What hangs on no node:
+    'gradient': {'name': 'stiffness_gradient', 'gradient_per_m': [8, 0, 0]},
+    'skin': {'name': 'skin_layer', 'thickness_mm': 2, 'ratio': 8},
+    'base on springs': {'name': 'base_compliance', 'tangential_kPa_mm': 1, 'normal_kPa_mm': 2},
+    'weight': {'name': 'gravity', 'added_m_s2': [0, -2, 0]},
+    'compressibility': {'name': 'compressibility', 'factor': 0.5},
+    'stiffening': {'name': 'strain_stiffening', 'ratio': 1.0},
+    'load': {'name': 'external_force', 'force_N': [0.2, 0.2, -0.3], 'centre_mm': [18, 10, 50],
+             'radius_mm': 11},
 }
 
 
