@@ -16,7 +16,7 @@ from arm_brachy.registry import by_name
 
 EMPTY = {'place_right': None, 'place_error_mm': None, 'onset_right': None, 'onset_error_s': None,
          'parameter_right': None, 'parameter_error_percent': None, 'interval_holds': None,
-         'intervals': 0, 'intervals_held': 0}
+         'intervals': 0, 'intervals_held': 0, 'numbers': ()}
 CHANNELS = ('actuators', 'pads', 'tools')     # values that are tuples of names
 NAMES = ('pad', 'target', 'marker_name', 'stream')
 STREAMS = {'forces': 'force'}               # our word for a stream of theirs
@@ -99,7 +99,8 @@ def _parameters(cause, effect):
     told = cause['parameters']
     held = [one for _, key in keys for one in _held(told.get(key), effect['values'][key])]
     counted = {'interval_holds': all(held) if held else None, 'intervals': len(held),
-               'intervals_held': sum(held)}
+               'intervals_held': sum(held),
+               'numbers': [_number(effect, key, told.get(key)) for _, key in keys]}
     if any(key not in told for _, key in keys):
         return {'parameter_error_percent': 100.0, 'parameter_right': False, **counted}
     errors = [departure(info, told[key]['value'], effect['values'][key]) for info, key in keys]
@@ -108,6 +109,13 @@ def _parameters(cause, effect):
     worst = float(max(errors))
     return {'parameter_error_percent': 100.0 * worst, 'parameter_right': worst <= TOLERANCE,
             **counted}
+
+
+def _number(effect, key, told):
+    """What was planted and what is told of one strength, as the answer writes it."""
+    told = {} if told is None else told
+    return {'parameter': f'{effect["name"]} {key}', 'planted': effect['values'][key],
+            'told': told.get('value'), 'interval_90': told.get('interval_90')}
 
 
 def _held(told, true):

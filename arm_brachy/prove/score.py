@@ -95,7 +95,7 @@ def _identifiable(row, truth, which=''):
 
 
 def _details(record, truth, word):
-    """Where, when, how much, of the first effect that was found, or of all if one is missing."""
+    """Where, when, how much, of the first effect that was found; intervals of all that were."""
     answer = record['answer']
     if answer is None or not truth['effects']:
         return dict(EMPTY)
@@ -104,6 +104,9 @@ def _details(record, truth, word):
         return dict(EMPTY)
     found = [details(answer, e, truth['start_s'], strange=strange) for e in truth['effects']]
     chosen = max(found, key=lambda one: sum(v is not None for v in one.values()))
+    chosen = {**chosen, **{key: sum(one[key] for one in found)
+                           for key in ('intervals', 'intervals_held')},
+              'numbers': [number for one in found for number in one['numbers']]}
     if word == RIGHT and truth['labels'] == [RECALIBRATED]:
         told = answer['recalibrated']['E_kPa']
         low, high = told['interval_90']

@@ -158,6 +158,19 @@ def test_each_interval_counts_components_of_vectors_too():
     assert row['interval_holds'] is False
     told_all, = (one for one in shares([row]) if one['what'].startswith('90 % intervals'))
     assert (told_all['count'], told_all['of']) == (2, 3)
+    kept, = (one for one in row['numbers'] if one['parameter'] == 'external_force force_N')
+    assert kept == {'parameter': 'external_force force_N', 'planted': [0.2, 0.0, -0.1],
+                    'told': [0.21, 0.0, 0.1], 'interval_90': [[0.1, -0.1, 0.0], [0.3, 0.1, 0.2]]}
+
+
+def test_intervals_of_both_causes_of_a_pair_count():
+    play, gain = BACKLASH, effect('actuator_gain', {'actuators': ['pad_2'], 'gain': 1.1})
+    given = answer('named', cause('backlash', parameters={'width_mm': told(0.2, 0.1, 0.3)}),
+                   cause('actuator_gain', parameters={'gain': told(1.2, 1.15, 1.25)}))
+    row = score(record(given), truth(play, gain))
+    assert (row['intervals'], row['intervals_held']) == (2, 1)
+    assert [one['parameter'] for one in row['numbers']] == ['backlash width_mm',
+                                                            'actuator_gain gain']
 
 
 def test_what_is_strange_has_to_be_found_where_and_when_it_is():
