@@ -102,7 +102,7 @@ def run_period(machine, rules, gains, switched, rates, limits, task, touch, memo
                    memory[0], errors, since)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, inline='always')
 def _period(machine, rules, gains, switched, rates, limits, task, touch, memory, errors, since):
     q, dq = memory.q, memory.dq
     Rs, ps = frames(machine.dh, q)
