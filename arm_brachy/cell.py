@@ -96,6 +96,7 @@ class Reading:
 # What a cell's body leaves open at every tick, at most: 10 nm, four decades below what a tracker
 # sees. A hundredth of it, as solvers have by default, costs half as much again.
 STATICS = NewtonOptions(tolerance=1e-8)
+_AT_ONCE = 4    # steps that look for an equilibrium one after another
 STUCK = 2.0     # s without an equilibrium after which a body is no plant any more
 
 
@@ -106,7 +107,7 @@ class _Lost:
         """state : TissueState;  good, pads : (p, 3) [m] at the last equilibrium, and now"""
         self.state, self.tries = state, tries
         self._good, self._off = good, np.abs(pads - good).max(initial=0.0)
-        self._left = 2 ** (tries - 1) - 1
+        self._left = 2 ** max(tries - _AT_ONCE, 0) - 1
 
     def waits(self, pads):
         """True while it is not worth looking for again; pads : (p, 3) [m] as they are now."""
@@ -181,7 +182,8 @@ class Body:
 
     def _advance(self, t, displacement, tools):
         """The TissueState at t. An equilibrium that is not there takes a hundred times as long to
-        look for as one that is: it is looked for after 1, 2, 4, 8 steps, or once pads come back.
+        look for as one that is: after four steps without it is looked for ever less often, and at
+        once when the pads come back.
         """
         if self._lost is not None and self._lost.waits(displacement):
             return replace(self._lost.state, t=t, iterations=0)

@@ -213,4 +213,4 @@ class ProbeSide:
             self._orders.append(order)
         if refusal:
             self._log.count('operator', Outcome.REJECTED, refusal)
-            self.procedure.refused(refusal)
+            self.procedure.refused(refusal, order.kind)

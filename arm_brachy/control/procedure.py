@@ -10,13 +10,14 @@
     MEETING      needle on to where the image plane waits, if the probe cannot reach back to it
     INSERTING    needle to its depth, which follows the target: as estimated, and as seen once the
                  images show it; it waits while the probe has lost skin or tip, the images do not
-                 show the tip, or nothing says where the target is; the person who sees the
+                 show the tip, or nothing says where the target is; the pads hold the target
+                 across the needle and let it be dragged along; the person who sees the
                  overlay turns it towards the target; the pads may take the target onto where
                  the tip will be, as the images show both (Mallapragada, Sarkar, Podder 2009,
                  IEEE Trans Robot 25:316)
     DWELLING     at the target
-    WITHDRAWING  needle out, pads at rest; the probe goes off the skin once the tip is where it
-                 first saw it
+    WITHDRAWING  needle out, pads at rest; the probe follows it back over half of the way that it
+                 has seen, then goes off the skin
     RETRACTING   probe off, HOMING pads home, FINISHED
 Each step has a time limit. A failure names its outcome once; then needle, probe and pads go back
 in that order, each within its own limit, and what does not move any more is left where it is.
@@ -48,6 +49,8 @@ AVERAGED = 1.0      # s of estimates whose mean is where the target is
 _FRESH = 0.5        # s, age from which on an estimate says nothing any more
 _STEP = 0.2e-3      # m by which a wanted depth has to change before it is ordered
 _REPLANS = 3        # of the path, while the pads bring the target
+_WAY = 0.2          # s from one goal to the next while the needle drags the target along
+_DRAG = 0.05e-3     # m by which it has to: less than what pads answer to
 _SHIFT = 0.3e-3     # m by which a wanted goal has to: three errors of what the images show
 _ARRIVED = 0.5e-3   # m from its depth at which the needle counts as there: depth sensor's error
 _ASTRAY = 1e-3      # m, the same of a needle that stands: what a depth sensor may be off by
@@ -59,6 +62,8 @@ _ASIDE = 0.05e-3    # m by which the told offset of the path has to change: the 
 _MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
 _OUT = 1.5e-3       # m of told depth below which the needle is out
 _SLOWING = 6        # steps in which the needle comes to its speed before the target
+# Steps in which the needle drags the target along.
+_DRAGGED = (Phase.PLACING, Phase.APPROACHING, Phase.MEETING, Phase.INSERTING)
 _DRIVEN = (Phase.PLACING, Phase.MEETING, Phase.INSERTING)   # steps in which the needle goes in
 
 
@@ -82,7 +87,7 @@ class Procedure:
         self.phase, self.outcome, self.message, self.plan = Phase.SETTLING, Outcome.OK, '', None
         self._since, self._t = None, 0.0
         self._target, self._at_home = deque(), False
-        self._seen, self._goal, self._next_shift = None, None, 0.0
+        self._seen, self._goal, self._next_shift, self._next_way = None, None, 0.0, 0.0
         self._told = None           # curvature [1/m] of the needle, and its offset (3,) [m]
         self._tip_seen = -np.inf    # s, of the last image in which the tip was found
         self._shown = -np.inf       # s, of the last one that was answered by what is foretold
@@ -103,6 +108,7 @@ class Procedure:
         self._speed_back = None  # m/s that was ordered for the way out
         self._speed = None       # m/s that was ordered last of the insertion
         self._begun = None       # m of depth at which the insertion began
+        self._deepest = None     # m of depth at the target
 
     # What is heard. Times in s, positions (3,) in m.
 
@@ -151,19 +157,19 @@ class Procedure:
         """Take the supervisor's word."""
         self._permission, self._reason = permission, reason
 
-    def refused(self, message):
-        """An order was refused: the step fails, a step of the way back goes on to the next.
+    def refused(self, message, kind=None):
+        """An order of some Kind was refused: the step fails, of the way back the next one begins.
 
         A goal that a better plan asked for is no failure: the plan before it holds. Neither is
-        one that the images asked for: the one before it holds until the end.
+        one by the images, or by how the needle drags the target: the last one holds until the end.
         """
         if self.phase in WAY_BACK:
             if self.outcome.ok:
                 self.outcome, self.message = Outcome.REJECTED, f'{self.phase.value}: {message}'
             if self.phase is not Phase.FINISHED:
                 self._next_back()
-        elif self.phase is Phase.INSERTING:
-            self._next_shift = np.inf
+        elif kind is Kind.SHIFT and self.phase in _DRAGGED:
+            self._next_shift = self._next_way = np.inf
         elif self.phase is Phase.MOVING and self._kept is not None:
             (self.plan, self._goal), self._kept = self._kept, None
             self._replans = _REPLANS
@@ -193,6 +199,7 @@ class Procedure:
         while before is not self.phase:     # a step may end at once
             before = self.phase
             orders += getattr(self, f'_{self.phase.value}')() or []
+            orders += self._give_way()
             limit = getattr(self.params.limits, self.phase.value, None)
             if limit is not None and self._elapsed > limit:
                 orders += self._timed_out(limit)
@@ -376,19 +383,28 @@ class Procedure:
         share, slow = float(np.ceil(_SLOWING * share)) / _SLOWING, min(p.near_speed, p.speed)
         return slow + share * (p.speed - slow)
 
+    @property
+    def _left_at(self):
+        """[m] of depth at which the probe leaves a needle on its way out: half of the way that it
+        has seen. Tissue that the needle drags back is nearer to its rim than on the way in.
+        """
+        deepest = self.plan.depth if self._deepest is None else self._deepest
+        return deepest - 0.5 * self.params.view
+
     def _dwelling(self):
+        self._deepest = self._needle.depth
         if self._probe_well() and self._elapsed >= self.params.dwell:
             self._enter(Phase.WITHDRAWING)
 
     def _withdrawing(self):
-        """The probe follows back to where it first saw the tip, as slowly, then goes off.
+        """The probe follows back over half of what it has seen, as slowly, then goes off.
 
         The pads stay: a needle on its way out drags the tissue, and pads that only push would
         squeeze it more and more to hold the target against that.
         """
         orders = [] if self._ordered else [Order(Kind.REST)]
         self._ordered = True
-        seen = self.plan is not None and self._needle.depth >= self.plan.depth - self.params.view
+        seen = self.plan is not None and self._needle.depth >= self._left_at
         following = self._probe.phase in (ProbePhase.APPROACH, ProbePhase.FOLLOW)
         speed = self.params.speed if seen and following else self.params.withdrawal
         # Also where it seems to be out: it may be under way in. Again where it does not move.
@@ -485,6 +501,22 @@ class Procedure:
         if self._seen is None or self._seen[0] < self._t - _FRESH:
             return None
         return self._seen[1]
+
+    def _give_way(self):
+        """The target's goal anew, where the needle has dragged it along itself.
+
+        Pads that hold it against that squeeze it out across the needle, where no pad controls it;
+        along the needle its depth follows.
+        """
+        if self.phase not in _DRAGGED or not self._target or self._t < self._next_way:
+            return []
+        axis = self._course.axis
+        change = axis * (axis @ (self._target[-1][1] - self._goal))
+        far = np.linalg.norm(np.where(self._axes, self._goal + change - self._start, 0.0))
+        if np.linalg.norm(change) <= _DRAG or far > self.params.reach:
+            return []
+        self._goal, self._next_way = self._goal + change, self._t + _WAY
+        return [Order(Kind.SHIFT, tuple(self._goal))]
 
     def _shift(self, depth):
         """The target's goal anew, by how far the tip will pass by it as the images show both.

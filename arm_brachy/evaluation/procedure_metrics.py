@@ -208,12 +208,12 @@ def _miss(data, target, window):
     if not len(tips.t):
         return {}
     off = tips.values - _interpolated(target, tips.t)
-    along = off @ hole_axis(data)
-    goal = vector(data.plan['goal_m'])
-    away = _interpolated(target, tips.t) - goal
+    axis = hole_axis(data)
+    along = off @ axis
+    away = _across(_interpolated(target, tips.t) - vector(data.plan['goal_m']), axis)
     return {'miss': float(np.mean(np.linalg.norm(off, axis=1))),
             'miss_along': float(np.mean(np.abs(along))),
-            'miss_across': float(np.mean(np.linalg.norm(_across(off, hole_axis(data)), axis=1))),
+            'miss_across': float(np.mean(np.linalg.norm(_across(off, axis), axis=1))),
             'miss_pads': float(np.mean(np.linalg.norm(away, axis=1)))}
 
 

@@ -47,7 +47,7 @@ PROCEDURE_FIGURES = (
     ('true_force_overshoot_N',
      'true contact force, overshoot of its goal until the probe retracts [N]', '0.3', 2),
     ('force_overshoot_N', 'the same as measured [N]', '', 2),
-    ('target_to_goal_mm', 'target off its goal by the pads [mm]', '', 2),
+    ('target_to_goal_mm', 'target off its planned place, across the needle [mm]', '', 2),
     ('off_plan_end_mm', 'tip off its planned path at the end, at equal depth [mm]', '', 2),
     ('turns', 'turns of the needle by the reader of the overlay', '', 0),
     ('torque_mean_Nm', 'joint torques, mean norm [N m]', '', 1),

@@ -116,7 +116,8 @@ class ProcedureConductor:
         elif order.kind in (Kind.REST, Kind.RELEASE):
             self._drop_goal(t_ns, order.kind, lambda: self._next(t_ns, rest, done))
         elif order.kind in self._triggers:
-            self._call(t_ns, self._triggers[order.kind], lambda: self._next(t_ns, rest, done))
+            self._call(t_ns, order.kind, self._triggers[order.kind],
+                       lambda: self._next(t_ns, rest, done))
         elif order.kind is Kind.SHOW:
             self._aim_pub(convert.places(t_ns, self._frame, np.reshape(order.value, (2, 3))))
             self._next(t_ns, rest, done)
@@ -133,17 +134,17 @@ class ProcedureConductor:
             return convert.actuator_command(t_ns, self._frame, ['needle'], [depth], [speed])
         return convert.actuator_command(t_ns, self._frame, NEEDLE_NAMES[order.kind], order.value)
 
-    def _call(self, t_ns, ask, then):
-        ask().add_done_callback(lambda f: self._answered(t_ns, f.result(), then))
+    def _call(self, t_ns, kind, ask, then):
+        ask().add_done_callback(lambda f: self._answered(t_ns, kind, f.result(), then))
 
-    def _answered(self, t_ns, answer, then):
+    def _answered(self, t_ns, kind, answer, then):
         if not answer.success:
-            self._refused(t_ns, answer.message)
+            self._refused(t_ns, kind, answer.message)
         then()
 
-    def _refused(self, t_ns, message):
+    def _refused(self, t_ns, kind, message):
         self._health.refuse(t_ns, Outcome.REJECTED, message)
-        self.procedure.refused(message)
+        self.procedure.refused(message, kind)
 
     def _set_goal(self, t_ns, order, then):
         """Of a new task, of which is told, or of the same one."""
@@ -161,7 +162,7 @@ class ProcedureConductor:
             elif answer.accepted and self._task.state == TaskState.ACTIVE:
                 self._task.goal = answer.reference
             if not answer.accepted:
-                self._refused(t_ns, answer.message)
+                self._refused(t_ns, order.kind, answer.message)
             then()
 
         self._goal.call_async(request).add_done_callback(answered)
@@ -171,7 +172,7 @@ class ProcedureConductor:
         if self._task.state == TaskState.ACTIVE:
             self._say_task(t_ns, TaskState.DONE)
         self._abort.call_async(Trigger.Request()).add_done_callback(
-            lambda _: then() if kind is Kind.REST else self._call(t_ns, self._home, then))
+            lambda _: then() if kind is Kind.REST else self._call(t_ns, kind, self._home, then))
 
     def say_finished(self, t_ns):
         """The end, with what went wrong if anything did."""

@@ -30,15 +30,17 @@ class Toy:
 
     broken : names among target, scanner, needle, probe, contact, pads, sight, plane, depth
     bias : [m] that the told depth is off by
+    drag : share of the needle's way by which it takes the target along
     rise : share of the way along y by which the pads lift the target
     """
 
     def __init__(self, broken=(), radius=BEND, press=(0.0, 0.0, 0.0), rise=0.0, bias=0.0,
-                 **given):
+                 drag=0.0, **given):
         self.procedure = Procedure(ProcedureParams('t', **given), HOLES,
                                    NeedleCourse(AXIS, SIDE, 0.2, arc, 1.0 / BEND), settle=0.2,
                                    press=press)
         self.broken, self.radius, self.rise, self.bias = set(broken), radius, rise, bias
+        self.drag = drag
         self.t, self.orders, self.phases = 0.0, [], []
         self.target, self.goal = np.array([0.0, 0.002, 0.0]), None
         self.depth, self.drive, self.hole, self.probe = 0.0, (0.0, 0.0), HOLES[1, 1], 0
@@ -90,6 +92,7 @@ class Toy:
             step = np.clip(depth - self.depth, -speed * TICK, speed * TICK)
             self.depth += step
             self.p = self.p + step * self.t_dir
+            self.target = self.target + self.drag * step * AXIS
             self.t_dir = self.t_dir + step / self.radius * self.n
             self.t_dir /= np.linalg.norm(self.t_dir)
         if self.goal is not None and 'pads' not in self.broken:
@@ -183,7 +186,7 @@ def test_a_better_plan_whose_goal_is_refused_is_given_up_and_nothing_else():
         before = toy.procedure.plan
         toy.tick()
     toy.goal = before.goal      # as it was: the manipulator did not take the new one
-    toy.procedure.refused('out of reach')
+    toy.procedure.refused('out of reach', Kind.SHIFT)
     assert toy.procedure.plan is before and toy.procedure.phase is Phase.MOVING
     toy.run()
     assert toy.procedure.outcome is Outcome.OK and toy.orders.count(Kind.SHIFT) == 1
@@ -540,6 +543,38 @@ def test_images_that_show_the_target_do_for_estimates_that_fell_silent():
     toy.run(until=Phase.DWELLING)
     assert toy.procedure.outcome is Outcome.OK
     assert abs(toy.p[0] - toy.target[0]) < 0.7e-3
+
+
+def test_pads_let_the_needle_drag_the_target_along_and_hold_it_across():
+    """By a tenth of the way: the goal goes along, the depth follows."""
+    toy = Toy(overlay=False, drag=0.1).run(until=Phase.DWELLING)
+    goal, plan = toy.procedure._goal, toy.procedure.plan
+    along = (goal - plan.goal) @ AXIS
+    assert along > 2e-3 and np.linalg.norm(goal - plan.goal - along * AXIS) < 1e-9
+    assert abs((toy.target - goal) @ AXIS) < 0.3e-3
+    assert toy.depth > plan.depth + 2e-3 and abs(toy.p[0] - toy.target[0]) < 0.7e-3
+    assert toy.orders.count(Kind.SET_GOAL) == 1
+
+
+def test_a_goal_along_the_needle_that_is_refused_is_given_up_and_a_probe_that_refuses_is_a_fault():
+    toy = Toy(overlay=False, drag=0.1).run(until=Phase.APPROACHING)
+    before = toy.orders.count(Kind.SHIFT)
+    assert before > 0
+    toy.procedure.refused('out of reach', Kind.SHIFT)
+    toy.run(until=Phase.DWELLING)
+    assert toy.orders.count(Kind.SHIFT) == before and toy.procedure.outcome is Outcome.OK
+    other = Toy(overlay=False).run(until=Phase.APPROACHING)
+    other.procedure.refused('no tip was heard of', Kind.FOLLOW)
+    assert other.procedure.outcome is Outcome.REJECTED
+
+
+def test_the_probe_leaves_a_needle_on_its_way_out_half_way_back():
+    toy = straight().run(until=Phase.WITHDRAWING)
+    deepest = toy.depth
+    while Kind.RETRACT not in toy.orders:
+        toy.tick()
+    gone = deepest - toy.depth
+    assert gone == pytest.approx(0.5 * toy.procedure.params.view, abs=5e-3 * 3 * TICK)
 
 
 def test_pads_take_no_target_anywhere_by_an_estimate_that_fell_silent():
