@@ -5,13 +5,14 @@
     MOVING       the pads bring the target to its goal, and keep it there from now on; where they
                  moved it along other axes too, the path is planned anew
     SCANNING     the skin anew: the pads have moved it
-    PLACING      needle to where the probe can see its tip, turned over on the way as planned
+    PLACING      needle to where the probe can see its tip, turned over on the way as planned;
+                 from here to INSERTING the pads let it drag the target along, since a breast that
+                 is squeezed against that lifts the target, and hold it across
     APPROACHING  probe onto the skin over the tip
     MEETING      needle on to where the image plane waits, if the probe cannot reach back to it
     INSERTING    needle to its depth, which follows the target: as estimated, and as seen once the
                  images show it; it waits while the probe has lost skin or tip, the images do not
-                 show the tip, or nothing says where the target is; the pads hold the target
-                 across the needle and let it be dragged along; the person who sees the
+                 show the tip, or nothing says where the target is; the person who sees the
                  overlay turns it towards the target; the pads may take the target onto where
                  the tip will be, as the images show both (Mallapragada, Sarkar, Podder 2009,
                  IEEE Trans Robot 25:316)
@@ -49,6 +50,7 @@ AVERAGED = 1.0      # s of estimates whose mean is where the target is
 _FRESH = 0.5        # s, age from which on an estimate says nothing any more
 _STEP = 0.2e-3      # m by which a wanted depth has to change before it is ordered
 _REPLANS = 3        # of the path, while the pads bring the target
+_AGREED = 1e-3      # m between places of the target by the images of _FRESH, at most
 _WAY = 0.2          # s from one goal to the next while the needle drags the target along
 _DRAG = 0.05e-3     # m by which it has to: less than what pads answer to
 _SHIFT = 0.3e-3     # m by which a wanted goal has to: three errors of what the images show
@@ -62,8 +64,9 @@ _ASIDE = 0.05e-3    # m by which the told offset of the path has to change: the 
 _MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
 _OUT = 1.5e-3       # m of told depth below which the needle is out
 _SLOWING = 6        # steps in which the needle comes to its speed before the target
-# Steps in which the needle drags the target along.
-_DRAGGED = (Phase.PLACING, Phase.APPROACHING, Phase.MEETING, Phase.INSERTING)
+# Steps in which the pads let the needle drag the target along. Not while it goes on to the target,
+# which the images find by planes of different times: meanwhile it has to stay.
+_DRAGGED = (Phase.PLACING, Phase.APPROACHING, Phase.MEETING)
 _DRIVEN = (Phase.PLACING, Phase.MEETING, Phase.INSERTING)   # steps in which the needle goes in
 
 
@@ -87,7 +90,8 @@ class Procedure:
         self.phase, self.outcome, self.message, self.plan = Phase.SETTLING, Outcome.OK, '', None
         self._since, self._t = None, 0.0
         self._target, self._at_home = deque(), False
-        self._seen, self._goal, self._next_shift, self._next_way = None, None, 0.0, 0.0
+        self._seen = deque()        # (s, (3,) [m]) where the images show the target
+        self._goal, self._next_shift, self._next_way = None, 0.0, 0.0
         self._told = None           # curvature [1/m] of the needle, and its offset (3,) [m]
         self._tip_seen = -np.inf    # s, of the last image in which the tip was found
         self._shown = -np.inf       # s, of the last one that was answered by what is foretold
@@ -139,7 +143,7 @@ class Procedure:
         if self._sound(t, p) and not (
                 self.plan is not None
                 and np.linalg.norm(p - self.plan.goal) > 2.0 * self.params.reach):
-            self._seen = t, np.array(p, dtype=float)
+            self._seen.append((t, np.array(p, dtype=float)))
 
     def _sound(self, t, p):
         """True for a place that is one, and whose stamp [s] is not of the future."""
@@ -497,10 +501,18 @@ class Procedure:
 
     @property
     def _target_seen(self):
-        """(3,) [m] where the images show the target, None if they do not now."""
-        if self._seen is None or self._seen[0] < self._t - _FRESH:
+        """(3,) [m] where the images show the target, None if they do not now, or do not agree.
+
+        The first ones, by outlines of a few planes near each other, may be millimetres off.
+        """
+        while self._seen and self._seen[0][0] < self._t - _FRESH:
+            self._seen.popleft()
+        if not self._seen or self._t - self._seen[0][0] < 0.5 * _FRESH:
             return None
-        return self._seen[1]
+        places = np.array([p for _, p in self._seen])
+        if np.ptp(places, axis=0).max() > _AGREED:
+            return None
+        return places[-1]
 
     def _give_way(self):
         """The target's goal anew, where the needle has dragged it along itself.

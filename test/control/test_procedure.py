@@ -686,8 +686,21 @@ def test_places_of_the_future_and_a_target_far_from_its_goal_are_not_believed():
     p.hear_target(1e9, p.plan.goal)
     p.hear_image(1e9, p.plan.tip)
     assert p._tip_seen <= toy.t and p._target[-1][0] <= toy.t
-    p.hear_target_image(toy.t, p.plan.goal + [1e-3, 0.0, 0.0])
+    for late in (0.4, 0.2, 0.0):
+        p.hear_target_image(toy.t - late, p.plan.goal + [1e-3, 0.0, 0.0])
     assert p._target_seen is not None
+
+
+def test_images_that_do_not_agree_yet_where_the_target_is_are_not_followed():
+    """The first fix 5 mm off along the needle, as by two planes: the depth stays as estimated."""
+    toy = Toy(overlay=False).run(until=Phase.INSERTING)
+    toy.run(1.0)
+    toy.seen_off = -5e-3 * AXIS
+    toy.run(0.2)
+    assert toy.drive[0] == pytest.approx(toy.procedure.plan.depth, abs=1e-3)
+    toy.seen_off = np.zeros(3)
+    toy.run(until=Phase.DWELLING)
+    assert abs(toy.p[0] - toy.target[0]) < 0.7e-3
 
 
 def test_a_target_that_has_gone_where_the_needle_cannot_get_ends_the_insertion_by_name():
