@@ -204,6 +204,7 @@ def _corrected(found, evidences, shown, scene, folder):
 def _show(found, folder):
     console.print(' '.join(filter(None, (found.sentence, sentences.remaining(found)))),
                   highlight=False)
+    console.print(f'verdict   {found.verdict}', highlight=False)
     if found.nearest is not None:
         console.print(sentences.nearest(found), highlight=False)
     for numbers in sentences.numbers(found):

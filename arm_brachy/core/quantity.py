@@ -60,6 +60,13 @@ UNITS = {
 }
 
 
+def _is_prior(kind=None, a=None, b=None, *more):
+    """True for what `Quantity.prior` may be."""
+    if more or None in (a, b):
+        return False
+    return {'uniform': a < b, 'normal': b > 0.0, 'lognormal': a > 0.0 and b > 1.0}.get(kind, False)
+
+
 @dataclass(frozen=True)
 class Quantity:
     """What is known about one parameter besides its value.
@@ -77,8 +84,8 @@ class Quantity:
         effect, but says where, when or how
     source : where default and range come from
 
-    Raises ValueError for a unit that is not in UNITS and for a range turned round: a declaration
-    is code, so a wrong one is a bug and shows itself on import.
+    Raises ValueError for a unit that is not in UNITS, a range turned round and a prior of another
+    form: a declaration is code, so a wrong one is a bug and shows itself on import.
     """
 
     unit: str
@@ -97,6 +104,10 @@ class Quantity:
                              f'{", ".join(u or repr(u) for u in UNITS)}')
         if None not in (self.low, self.high) and not self.low <= self.high:
             raise ValueError(f'range of {self.text!r}: {self.low} to {self.high}; must increase')
+        if self.prior is not None and not _is_prior(*self.prior):
+            raise ValueError(
+                f'prior of {self.text!r}: {self.prior}; must be (uniform, low, high), (normal, '
+                'mean, sd) or (lognormal, median, factor above 1)')
 
     @property
     def scale(self):
@@ -150,7 +161,7 @@ def quantity(default, unit, text, *, low=None, high=None, shape=(), prior=None, 
     default : in the edge unit (as a person would write it); stored in SI. None = must be given,
         `...` = optional and absent (stored as None)
     unit, text, low, high, shape, prior, typical, source, neutral : see Quantity
-    Raises ValueError for a unit that does not exist or a default outside its own range.
+    Raises ValueError as Quantity does, and for a default outside its own range.
     """
     info = Quantity(unit, text, low, high, shape, prior, typical, source, neutral)
     meta = {'quantity': info}

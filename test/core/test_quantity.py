@@ -86,6 +86,8 @@ def test_bounds_belong_to_the_range_and_nan_does_not():
     (lambda: quantity(1.0, 'mm', 'place', shape=(3,)), 'must be 3 finite numbers'),
     (lambda: quantity([1.0, 2.0], 'mm', 'place', shape=(3,)), 'must be 3 finite numbers'),
     (lambda: quantity(math.nan, 'mm', 'length', low=0.0), 'default nan'),
+    (lambda: quantity(1.0, 'mm', 'length', prior=('half_normal', 1.0)), 'prior of .*lognormal'),
+    (lambda: quantity(1.0, 'mm', 'length', prior=('lognormal', 1.0, 0.5)), 'factor above 1'),
 ])
 def test_a_wrong_declaration_shows_itself_on_import(declare, match):
     with pytest.raises(ValueError, match=match):

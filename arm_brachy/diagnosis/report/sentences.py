@@ -102,9 +102,9 @@ def _screened(d):
     if d.chance is None:
         return ''
     if d.chance >= Rules().alarm:
-        line = ' The misfit without any term is within what noise makes'
+        line = ' Structured tests find no pattern in the misfit without any term'
     else:
-        line = ' The misfit without any term is more than noise makes'
+        line = ' Structured tests find a pattern in the misfit without any term'
     if not d.screen or d.screen[0].evidence < Rules().evidence:
         return f'{line}; no candidate stands out in the linear screen.' if d.screen else f'{line}.'
     first, *others = d.screen

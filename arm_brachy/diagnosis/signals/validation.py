@@ -97,8 +97,8 @@ def refuse_wrong_units(name, streams, scene):
         if stroke > 0.0 and travel > OUT_OF_SCALE * stroke:
             raise RecordingError(
                 f'{name}: the encoders reach {travel:.3g} m, the pads of scene {scene.name} have '
-                f'a stroke of {stroke:.3g} m; lengths must be in metres: mend the unit of the '
-                'import')
+                f'a stroke of {stroke:.3g} m; must be alike: give the unit that the file is in, '
+                'by `unit` of the encoders in the column map')
         if FORCE in streams:
             _check_forces(name, streams[FORCE], travel, scene)
 
@@ -115,7 +115,8 @@ def _check_positions(name, stream, scene):
     if wrong:
         raise RecordingError(
             f'{name}: {stream.kind} positions span {measured:.3g} m, in scene {scene.name} '
-            f'{expected:.3g} m; lengths must be in metres: mend the unit of the import')
+            f'{expected:.3g} m; must be alike: give the unit that the file is in, by `unit` of '
+            f'{stream.kind} in the column map, or that of the scene')
 
 
 def _check_still(name, stream, encoder):
@@ -126,7 +127,8 @@ def _check_still(name, stream, encoder):
     if 0.0 < moved < min(travel / FAINT, STILLEST):
         raise RecordingError(
             f'{name}: EM tools stay within {1e3 * moved:.2g} mm, noise and all, while pads travel '
-            f'{1e3 * travel:.3g} mm; lengths must be in metres: mend the unit of the import')
+            f'{1e3 * travel:.3g} mm; must be alike: give the unit that the file is in, by `unit` '
+            'of em in the column map')
 
 
 def _spread(points):

@@ -158,8 +158,8 @@ def scaled(run, kind, factor):
 
 
 @pytest.mark.parametrize('kind, factor, word', [
-    ('optical', 1e3, 'metres'), ('optical', 1e-3, 'metres'), ('em', 1e3, 'metres'),
-    ('em', 1e-3, 'metres'), ('encoder', 1e3, 'metres'), ('encoder', 1e-3, 'push further'),
+    ('optical', 1e3, 'by .unit'), ('optical', 1e-3, 'by .unit'), ('em', 1e3, 'by .unit'),
+    ('em', 1e-3, 'by .unit'), ('encoder', 1e3, 'by .unit'), ('encoder', 1e-3, 'push further'),
     ('force', 1e3, 'newtons')])
 def test_units_wrong_by_a_thousand_are_refused(run, scene, kind, factor, word):
     with pytest.raises(RecordingError, match=word) as error:
