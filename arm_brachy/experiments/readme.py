@@ -49,7 +49,7 @@ PROCEDURE_FIGURES = (
     ('force_overshoot_N', 'the same as measured [N]', '', 2),
     ('target_to_goal_mm', 'target off its planned place, across the needle [mm]', '', 2),
     ('off_plan_end_mm', 'tip off its planned path at the end, at equal depth [mm]', '', 2),
-    ('turns', 'turns of the needle by the reader of the overlay', '', 0),
+    ('turns', 'turns of the needle by the reader of the overlay', '', 1),
     ('torque_mean_Nm', 'joint torques, mean norm [N m]', '', 1),
     ('joint_travel_rad', 'way of the joints [rad]', '', 2),
     ('insertion_s', 'duration of the insertion [s]', '', 1),
@@ -262,13 +262,17 @@ def _procedures(results):
     for key, name, goal, digits in PROCEDURE_FIGURES:
         lines.append(f'| {name} | {goal} | ' + ' | '.join(
             _mean_and_span(rows, key, digits) for rows in of.values()) + ' |')
+    simulated = {f'{r["scenario"]}, needle {r["needle"]}' for r in body['rows']
+                 if r['run_as'] == r['scenario']}
+    goals = [(*t['name'].split(': ', 1), t) for t in body['targets']]
+    goals = [one for one in goals if one[0] in simulated]
     missed = {}
-    for target in body['targets']:
-        place, what = target['name'].split(': ', 1)
+    for place, what, target in goals:
         if not target['met']:
             missed.setdefault(what, []).append(f'{place} ({_said(target)})')
-    met = sum(bool(t['met']) for t in body['targets'])
-    lines += ['', f'Goals met: {met} of {len(body["targets"])}.'
+    met = sum(bool(target['met']) for *_, target in goals)
+    lines += ['', f'{len(simulated)} runs were simulated; the others equal one of these, since '
+              f'the reader turned no needle there. Goals met: {met} of {len(goals)}.'
               + (' Missed:' if missed else ''), '']
     lines += [f'- {what}: {"; ".join(places)}' for what, places in missed.items()]
     return '\n'.join(lines).rstrip()

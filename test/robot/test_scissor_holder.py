@@ -278,7 +278,7 @@ def test_poses_that_it_cannot_take_are_named(holder):
         turn = rotation(np.radians(angle) * np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0))
         said = holder.obstacle(turn @ R, CENTRE + turn @ (p - CENTRE))
         assert part in said and bool(said) == bool(part), angle
-    far = replace(PARAMS, home=(0.0, 0.0, 0.5))
+    far = replace(PARAMS, home=(0.0, 0.0, 0.5), reach=1.0)
     with pytest.raises(InputError, match='travel of the stage'):
         ScissorHolder(far, np.random.default_rng(0))
 
