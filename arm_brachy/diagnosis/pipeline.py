@@ -33,7 +33,7 @@ from arm_brachy.diagnosis.selection.detectability import limits_of
 from arm_brachy.diagnosis.selection.problem import left_over
 from arm_brachy.diagnosis.selection.revision import judged
 from arm_brachy.diagnosis.signals.validation import refuse_twice
-from arm_brachy.diagnosis.stages import Known, notes_of, recordings_of, screen
+from arm_brachy.diagnosis.stages import CARRIERS, Known, notes_of, recordings_of, screen
 
 MORE = ('More is left than better meshes of this size would change: solve on a finer one before '
         'physics is asked for.')
@@ -140,6 +140,7 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
     notes = [*([] if blur is not None else [BESIDE_NULLS]), *left_out, *cut_rims(specimen),
              *judgement.notes, *notes_of(looked), *said_of_faint(found),
              *(note for one in fitted for note in one.notes)]
+    notes += _elsewhere(assembly, decision)
     causes, where, when = with_findings(found, scene, causes, where, when, decision)
     left = left_over(assembly, explanations)
     causes += [] if fault is None else [fault.cause()]
@@ -211,6 +212,28 @@ def _verdict(verdict, causes, fault, nameless):
     if causes:
         return 'named'
     return 'unexplained' if nameless else verdict
+
+
+def _elsewhere(assembly, decision):
+    """Sentences of the other channels in which what was accepted would look the same.
+
+    Places in the body are no such: an interval says how well they are known.
+    """
+    if not decision.elsewhere:
+        return []
+
+    def channel(explanation):
+        place = assembly.hypothesis_of(explanation)[0].place
+        return [place.get(key) for key in CARRIERS]
+
+    mine, = decision.accepted.explanations
+    found = dict.fromkeys(one.variant for one in decision.elsewhere
+                          if channel(one) != channel(mine))
+    if not found:
+        return []
+    return [f'Of {spoken(mine.cause)} these recordings do not tell {mine.variant} from '
+            f'{" or ".join(found)}, with another size and another modulus: a known weight, a '
+            'known modulus or a push with one more pad does.']
 
 
 def _would_do(candidate):

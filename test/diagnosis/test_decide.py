@@ -43,7 +43,7 @@ class World:
         return self.judge(effect, *extra, **how).decide()
 
     def judge(self, effect, *extra, cause=lambda i: True, **full):
-        r = (effect + self.nuisance @ self.rng.normal(size=CHANNELS)
+        r = (effect + self.nuisance @ self.rng.normal(size=self.nuisance.shape[1])
              + self.rng.normal(size=len(self.channel)))
         problem = Problem(r, self.nuisance, self.kinds, self.tests,
                           self.explanations(*extra, cause=cause), self.pushes)
@@ -60,6 +60,21 @@ def test_the_planted_cause_is_named_with_its_size(world):
     assert decision.verdict == 'named' and decision.accepted.causes == ('cause_2',)
     fitted, sd = 3.0 * decision.accepted.mean[0], 3.0 * decision.accepted.sd[0]
     assert fitted == pytest.approx(1.2, abs=4.0 * sd)
+
+
+def test_a_channel_that_these_data_do_not_tell_from_the_one_that_is_named_is_said(world):
+    """A gain of one of two sensors is the inverse gain of the other beside another modulus."""
+    east, west, north = world.responses[:3]
+    gains = [Explanation('gain', name, 3.0 * one[:, None])
+             for name, one in (('east', east), ('west', west), ('north', north))]
+    world.nuisance = np.column_stack([world.nuisance, 50.0 * (east + west)])
+    decision = world.decide(1.2 * east, *gains, cause=lambda i: i > 2)
+    assert decision.verdict == 'named' and decision.accepted.causes == ('gain',)
+    mine, = decision.accepted.explanations
+    other, = decision.elsewhere
+    assert {mine.variant, other.variant} == {'east', 'west'}
+    alone = World(0)        # without another modulus they are told apart
+    assert alone.decide(1.2 * east, *gains, cause=lambda i: i > 2).elsewhere == ()
 
 
 def test_two_causes_are_both_named(world):

@@ -112,6 +112,7 @@ class Decision:
     left : misfit_scan.Scan with the accepted cause, or without any;  before : Scan without any
     unproven : Candidate that explains all, as a load does that is none of the causes
     nearest : Candidate that stands out where nothing explains all; None if none does
+    elsewhere : Explanations of the same single cause that these data cannot tell from it
     """
 
     verdict: VERDICTS
@@ -122,6 +123,7 @@ class Decision:
     before: object
     unproven: Candidate | None = None
     nearest: Candidate | None = None
+    elsewhere: tuple = ()
 
     @property
     def shape(self):
@@ -238,7 +240,8 @@ class Judge:
         equals = self._equals(tried, [one for one in ranked if one.causes not in refuted])
         if not equals and self._may_be_load(tried):
             return Decision('unexplained', None, (), ranked, left, before, tried)
-        return Decision('equivalent' if equals else 'named', tried, equals, ranked, left, before)
+        return Decision('equivalent' if equals else 'named', tried, equals, ranked, left, before,
+                        elsewhere=self._elsewhere(tried))
 
     def outstanding(self):
         """(Explanations, misfit_scan.Scan of what they leave): of the single cause that is far
@@ -532,6 +535,18 @@ class Judge:
                 if alike and not self._gone(rival):
                     out.append(replace(rival, separation=apart))
         return tuple(out)
+
+    def _elsewhere(self, accepted):
+        """Explanations of its cause by other variants that are not told from a single Candidate.
+
+        As of two sensors, whose gains are each other's inverse beside another modulus.
+        """
+        if len(accepted.explanations) > 1:
+            return ()
+        mine, = accepted.explanations
+        return tuple(e for e in self._variants[mine.cause] if e.variant != mine.variant
+                     and self._apart(accepted, replace(accepted, explanations=(e,)))
+                     < self.rules.apart)
 
     def _fits_better(self, accepted, rival):
         """True if full fits tell them apart: what is accepted shows beside the rival's errors."""
