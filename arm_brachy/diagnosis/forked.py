@@ -89,6 +89,9 @@ def _forked(count, work, parts):
         for child in multiprocessing.active_children():
             if child not in others:
                 child.kill()
+        # One that was ended while it wrote a result has left a part of it in the pipe. The pool
+        # would wait for the rest as long as somebody may write, as this process itself may.
+        pool._result_queue._writer.close()
         pool.shutdown(cancel_futures=True)
 
 
