@@ -181,8 +181,8 @@ class Body:
         return self._reading(state, displacement)
 
     def _advance(self, t, displacement, tools):
-        """The TissueState at t. An equilibrium that is not there takes a hundred times as long to
-        look for as one that is: after four steps without it is looked for ever less often, and at
+        """The TissueState at t. An equilibrium that is not there takes many times as long to look
+        for as one that is: after four steps without, it is looked for ever less often, and at
         once when the pads come back.
         """
         if self._lost is not None and self._lost.waits(displacement):

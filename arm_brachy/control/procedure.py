@@ -161,7 +161,7 @@ class Procedure:
         """Take the supervisor's word."""
         self._permission, self._reason = permission, reason
 
-    def refused(self, message, kind=None):
+    def refused(self, message, kind):
         """An order of some Kind was refused: the step fails, of the way back the next one begins.
 
         A goal that a better plan asked for is no failure: the plan before it holds. Neither is
@@ -172,9 +172,9 @@ class Procedure:
                 self.outcome, self.message = Outcome.REJECTED, f'{self.phase.value}: {message}'
             if self.phase is not Phase.FINISHED:
                 self._next_back()
-        elif kind is Kind.SHIFT and self.phase in _DRAGGED:
+        elif kind is Kind.SHIFT and self.phase is not Phase.MOVING:
             self._next_shift = self._next_way = np.inf
-        elif self.phase is Phase.MOVING and self._kept is not None:
+        elif kind is Kind.SHIFT and self._kept is not None:
             (self.plan, self._goal), self._kept = self._kept, None
             self._replans = _REPLANS
         else:
@@ -471,9 +471,10 @@ class Procedure:
         since = max(self._stood[1], self._away_since)
         if self._t - since > self.params.limits.standing:
             needle = self._needle
-            self._fail(Outcome.NEEDLE_STANDS, f'the needle has stood at {1e3 * needle.depth:.1f} '
-                       f'mm for {self._t - since:.1f} s on its way to {1e3 * self._depth:.1f} mm, '
-                       f'under {needle.force:.1f} N; needle.force_limit_N stops it')
+            self._fail(Outcome.NEEDLE_STANDS, (
+                f'the needle has stood at {1e3 * needle.depth:.1f} mm for {self._t - since:.1f} s '
+                f'on its way to {1e3 * self._depth:.1f} mm, under {needle.force:.1f} N: look at '
+                'its drive; above needle.force_limit_N, withdraw it or insert more slowly'))
 
     def _there(self, depth):
         """True at a depth [m]; where drive and sensor differ, near it if the needle stands."""

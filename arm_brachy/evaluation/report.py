@@ -223,8 +223,9 @@ def _procedure_grid(numbers):
     return Grid(PROCEDURE_COLUMNS, tuple(rows), (
         'Of the true tip, over the insertion: distance from the image plane; tip found in the '
         'image less the true one; distance from the axis of the hole, and from the planned path '
-        'where that is as deep, at the end. Tip to target, and target to its goal: means over the '
-        'dwell. Seed to target: at rest, of a seed left at the tip at the end of the dwell. '
+        'where that is as deep, at the end. Tip to target, and target to its goal across the '
+        'needle: means over the dwell. Seed to target: at rest, of a seed left at the tip at the '
+        'end of the dwell. '
         'Force: by the sensor in every period of the controller, less its goal, once it has come '
         'within 0.3 N of it; true force: the same of what the tissue answers, from which '
         "the sensor's zero drifts away. Torque: mean norm over the joints that turn."))

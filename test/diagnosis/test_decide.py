@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from arm_brachy.diagnosis import pipeline
 from arm_brachy.diagnosis.estimation.laplace import Gain
 from arm_brachy.diagnosis.selection.judge import Decision, Explanation, Judge, Problem
 from arm_brachy.diagnosis.statistics.misfit_scan import Scan
@@ -75,6 +76,23 @@ def test_a_channel_that_these_data_do_not_tell_from_the_one_that_is_named_is_sai
     assert {mine.variant, other.variant} == {'east', 'west'}
     alone = World(0)        # without another modulus they are told apart
     assert alone.decide(1.2 * east, *gains, cause=lambda i: i > 2).elsewhere == ()
+
+
+@pytest.mark.parametrize(('mine', 'others', 'said'), [
+    ({'pads': ('west',)}, [{'pads': ('east',)}, {'pads': ('west',), 'onset': 3.0}],
+     ('backlash in pad east',)),
+    ({'actuators': (1,)}, [{'actuators': (0,)}, {'actuators': ()}],
+     ('backlash in actuator east', 'backlash in actuator all')),
+    ({'marker': 'm1'}, [{'marker': 'm2', 'onset': 1.0}, {'marker': 'm2', 'onset': 2.0}],
+     ('backlash in marker m2',)),
+    ({'centre': (0.0, 0.0, 0.0)}, [{'centre': (1.0, 0.0, 0.0)}], ())])
+def test_channels_are_said_by_name_and_places_are_not(mine, others, said):
+    ways = [SimpleNamespace(cause='backlash', place=place) for place in (mine, *others)]
+    assembly = SimpleNamespace(hypothesis_of=lambda one: (one, None))
+    decision = SimpleNamespace(accepted=SimpleNamespace(explanations=tuple(ways[:1])),
+                               elsewhere=tuple(ways[1:]))
+    scene = SimpleNamespace(pads=[SimpleNamespace(name=n) for n in ('east', 'west')])
+    assert pipeline._elsewhere(assembly, decision, scene) == said
 
 
 def test_two_causes_are_both_named(world):

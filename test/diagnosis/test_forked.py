@@ -4,6 +4,8 @@ import errno
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 
 import numba
@@ -33,6 +35,7 @@ def test_results_are_in_the_order_of_the_parts_whichever_is_done_first():
     def work(part):
         if part == 'first':
             assert last.wait(60.0)
+            time.sleep(0.2)     # until that one's result has come
         if part == 'last':
             last.set()
         return part, os.getpid()
@@ -108,3 +111,29 @@ def test_there_are_no_more_processes_than_cores_and_one_where_numba_cannot_fork(
     monkeypatch.undo()
     monkeypatch.setattr(numba, 'threading_layer', lambda: 'omp')
     assert forked.processes(8) == 1
+
+
+STOPPED = """
+import sys, time
+from arm_brachy.diagnosis import forked
+
+def work(part):
+    return bytes(part)
+
+def finished(part):
+    if part == 0:                   # the other one is writing its result, 0.4 GB
+        time.sleep(float(sys.argv[1]))
+        raise KeyboardInterrupt
+
+try:
+    forked.each(work, (400_000_000, 0), 2, lambda part: part, finished)
+except KeyboardInterrupt:
+    print('over')
+"""
+
+
+@pytest.mark.parametrize('late', [0.2, 0.5, 0.8])     # s; some while it writes, on any machine
+def test_a_result_that_is_half_written_when_its_fork_is_ended_holds_nobody_up(late):
+    done = subprocess.run([sys.executable, '-c', STOPPED, str(late)], capture_output=True,
+                          text=True, timeout=30, check=False)
+    assert done.stdout == 'over\n', done.stderr

@@ -32,7 +32,8 @@ class ForceGain(SensingTerm):
         equation='y_i = (1 + g) f_i',
         source='definition: error of the sensitivity (VIM, JCGM 200:2012, 4.12)',
         invisible_when='all pads have it alike and no weight of known mass acts: then it equals a '
-                       'modulus scaled by 1 + g')
+                       'modulus scaled by 1 + g; with two pads a gain of one equals the inverse '
+                       'gain of the other and another modulus')
 
     def distort(self, t, names, values, pads):
         """Return the apparent forces (k, 3) [N].

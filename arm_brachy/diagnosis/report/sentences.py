@@ -40,6 +40,8 @@ def _named(d):
     found = '; '.join(_cause_at(d, cause) for cause in d.causes)
     if not any(cause.physical for cause in d.causes):
         return f'The mesh is at fault, not the physics: {found}.'
+    if d.elsewhere:
+        found += f', or {" or ".join(d.elsewhere)}: these recordings cannot tell which'
     return f'{MISSING}: {found}.'
 
 
