@@ -3,6 +3,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from arm_brachy.prove.generator.form import REGISTRY
 from arm_brachy.prove.generator.shape import direction_ball
 from arm_brachy.prove.generator.world import target_names
 
@@ -11,7 +12,7 @@ from arm_brachy.prove.generator.world import target_names
 class Effect:
     """name, of the catalogue or an own one; values by the catalogue's parameter names, in the
     units those names end in; size: over the typical one; place (3,) [m], world frame, or None;
-    onset [s] or None.
+    onset [s] or None; form: of `forms.OTHER`, or the registry's.
     """
 
     name: str
@@ -19,6 +20,7 @@ class Effect:
     size: float
     place: tuple | None = None
     onset: float | None = None
+    form: str = REGISTRY
 
 
 def draw_size(rng):
