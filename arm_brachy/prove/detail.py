@@ -88,11 +88,12 @@ def _parameters(cause, effect):
     """Largest error relative to the departure from 'off', and how many intervals hold, and all.
 
     A strength that was planted and is not told counts as 'off', and as an interval that does not
-    hold; a vector has one interval per component.
+    hold; a vector has one interval per component.  What means something else in the form that was
+    planted is left out.
     """
     infos = quantities(by_name(effect['name']))
     keys = [(info, info.key(name)) for name, info in infos.items()
-            if info.neutral is not None and info.key(name) in effect['values']
+            if info.neutral is not None and info.key(name) in comparable(effect)
             and not _is_off(info, effect['values'][info.key(name)])]
     if not keys:
         return {}
@@ -104,11 +105,16 @@ def _parameters(cause, effect):
     if any(key not in told for _, key in keys):
         return {'parameter_error_percent': 100.0, 'parameter_right': False, **counted}
     errors = [departure(info, told[key]['value'], effect['values'][key]) for info, key in keys]
-    if effect['name'] in PRODUCTS:
+    if effect['name'] in PRODUCTS and set(comparable(effect)) == set(effect['values']):
         errors = [_product(effect, told, infos)]
     worst = float(max(errors))
     return {'parameter_error_percent': 100.0 * worst, 'parameter_right': worst <= TOLERANCE,
             **counted}
+
+
+def comparable(effect):
+    """Names of the values of a planted effect that mean what they mean in the registry."""
+    return effect.get('same', effect['values'])
 
 
 def _number(effect, key, told):

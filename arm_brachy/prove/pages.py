@@ -15,6 +15,7 @@ from arm_brachy.evaluation.page import (
     number,
     write_page,
 )
+from arm_brachy.prove.generator.form import REGISTRY
 from arm_brachy.prove.outcome import ABSTAINED, CLASS, FAILED, PARTLY, RIGHT, SILENT, WIDE, WRONG
 from arm_brachy.prove.plan import NULL, STRANGE
 
@@ -162,11 +163,17 @@ def _effects(truth):
     for effect in truth['effects']:
         told = {key: value for key, value in effect['values'].items() if value is not None}
         for i, (key, value) in enumerate(told.items() or (('-', '-'),)):
-            yield (Cell('' if i else effect['name']), Cell('' if i else number(effect['size'])),
+            yield (Cell('' if i else _law(effect)), Cell('' if i else number(effect['size'])),
                    Cell(key), Cell(_text(value)))
         if effect['onset_s'] is not None:
             yield (Cell(''), Cell(''), Cell('onset in the bag'),
                    Cell(f'{effect["onset_s"] + truth["start_s"]:.3f} s'))
+
+
+def _law(effect):
+    """Name of a planted effect, with that of its law where it is not the registry's."""
+    form = effect.get('form', REGISTRY)
+    return effect['name'] if form == REGISTRY else f'{effect["name"]} ({form})'
 
 
 def _causes(answer):

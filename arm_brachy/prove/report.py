@@ -63,7 +63,8 @@ def _sums(rows, modes):
     for mode in modes:
         some = in_mode(rows, mode)
         for one in (*totals.shares(some), *totals.power(some), *totals.per_term(some),
-                    *totals.per_solver(some), *totals.medians(some), *totals.risk_coverage(some)):
+                    *totals.per_form(some), *totals.per_solver(some), *totals.medians(some),
+                    *totals.risk_coverage(some)):
             yield {'over_all': mode, **one}
 
 

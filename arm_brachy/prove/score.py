@@ -4,6 +4,7 @@ import numpy as np
 
 from arm_brachy.experiments.diagnosis_score import RECALIBRATED, explanations
 from arm_brachy.prove.detail import EMPTY, details
+from arm_brachy.prove.generator.form import REGISTRY
 from arm_brachy.prove.outcome import (
     ABSTAINED,
     FAILED,
@@ -20,6 +21,7 @@ from arm_brachy.prove.outcome import (
 )
 from arm_brachy.prove.plan import CONFOUNDED, NULL, STRANGE
 
+FORMS = OWN, OTHER = "the registry's law", 'another law'
 SEEN = 5.0      # sd: of the effect, and from every rival, for a case to count as identifiable
 
 
@@ -37,6 +39,7 @@ def score(record, truth, extras=None):
     place = rank(record, truth, word)
     row = {'case': record['case'], 'mode': record['mode'], 'kind': truth['kind'],
            'planted': ' + '.join(sorted(truth['labels'])) or '-',
+           'form': form_of(truth),
            'size': max((e['size'] for e in truth['effects']), default=0.0),
            'solver': truth['solver'], 'outcome': word, 'said': said(record),
            'top_1': _good(word, truth, place == 1), 'top_3': _good(word, truth, bool(place)),
@@ -48,6 +51,17 @@ def score(record, truth, extras=None):
     row['identifiable'] = _identifiable(row, truth)
     row['identifiable_at_best'] = _identifiable(row, truth, 'at_best_')
     return row | _details(record, truth, word)
+
+
+def form_of(truth):
+    """OWN or OTHER: whether all of the catalogue that was planted has the registry's law; else ''.
+
+    Trials before laws were drawn planted the registry's alone.
+    """
+    if not truth['effects'] or not truth['in_catalogue']:
+        return ''
+    own = all(e.get('form', REGISTRY) == REGISTRY for e in truth['effects'])
+    return OWN if own else OTHER
 
 
 def said(record):

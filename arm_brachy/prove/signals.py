@@ -11,13 +11,14 @@ import numpy as np
 from arm_brachy.diagnosis.settings import Calibration
 from arm_brachy.prove.answering import ABSOLUTE
 from arm_brachy.prove.generator.catalogue import Effect
+from arm_brachy.prove.generator.form import REGISTRY
+from arm_brachy.prove.generator.forms import act_of
 from arm_brachy.prove.generator.history import law_of
+from arm_brachy.prove.generator.make import SEEN
 from arm_brachy.prove.generator.plant import build_world, pad_travel, with_memory
 from arm_brachy.prove.generator.protocol import set_points
 from arm_brachy.prove.generator.recorder import clean_streams
-from arm_brachy.prove.generator.sensing import SENSING
 from arm_brachy.prove.generator.sensors import RATES
-from arm_brachy.prove.generator.strange import STRANGE_SENSING
 from arm_brachy.prove.oracle import whitened
 from arm_brachy.prove.source import case_of
 
@@ -80,7 +81,7 @@ class Sight:
             return      # nothing that yields goes farther than it is sent
         for name, values in TWINS.items():
             if first.name in TWINS and first.name != name:
-                twin = replace(first, name=name,
+                twin = replace(first, name=name, form=REGISTRY,
                                values={**values, 'actuators': first.values['actuators']})
                 played = self._play(case, (twin,), self._sound)
                 yield name, self._flat(case, played, self._null(case))
@@ -154,9 +155,8 @@ class Sight:
         world = with_memory(played, world.along(t, y), self._cache, t, y)
         streams = clean_streams(world, t, u, y, dict.fromkeys(RATES, (grid, grid)))
         for effect in effects:
-            act = {**SENSING, **STRANGE_SENSING}.get(effect.name)
-            if act is not None:
-                act(streams, effect.values)
+            if effect.name in SEEN:
+                act_of(effect, SEEN)(streams, effect.values)
         return grid, streams
 
     def _flat(self, case, streams, null):

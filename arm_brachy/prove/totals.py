@@ -7,6 +7,7 @@ from arm_brachy.evaluation.result import Target
 from arm_brachy.prove.answering import ABSOLUTE, SUPPLIED
 from arm_brachy.prove.outcome import ABSTAINED, FAILED, RIGHT, SILENT
 from arm_brachy.prove.plan import CONFOUNDED, NULL, PAIR, SINGLE, STRANGE
+from arm_brachy.prove.score import FORMS
 
 BINS = ((0.2, 0.5), (0.5, 1.0), (1.0, 2.0))     # of the typical size
 LIKELY = 0.95                                   # of the intervals
@@ -122,6 +123,20 @@ def per_term(rows):
     return tuple(share(f'named: {name}', [r for r in singles if r['planted'] == name],
                        lambda r: r['top_1'])
                  for name in sorted({row['planted'] for row in singles}))
+
+
+def per_form(rows):
+    """What depends on whether the truth has the registry's law: named singles and wrong claims."""
+    singles = of_kind(rows, SINGLE)
+    planted = of_kind(rows, SINGLE, PAIR, CONFOUNDED, SUPPLIED)
+    sharp = [row for row in singles if row['identifiable']]
+    for what, some, counts in (
+            ('top-1, identifiable singles', sharp, lambda r: r['top_1']),
+            ('top-1, all singles', singles, lambda r: r['top_1']),
+            ('wrong claims, or no answer', planted,
+             lambda r: r['wrong'] or r['outcome'] == FAILED)):
+        for form in FORMS:
+            yield share(f'{what}: {form}', [r for r in some if r.get('form') == form], counts)
 
 
 def per_solver(rows):

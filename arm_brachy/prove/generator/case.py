@@ -5,6 +5,7 @@ import numpy as np
 
 from arm_brachy.prove.generator.body import Body
 from arm_brachy.prove.generator.catalogue import Effect, draw_effect
+from arm_brachy.prove.generator.forms import in_some_form, same_values
 from arm_brachy.prove.generator.nuisance import Nuisances, draw_nuisances
 from arm_brachy.prove.generator.protocol import Protocol, draw_heldout, draw_protocol
 from arm_brachy.prove.generator.sensors import Sensors, draw_sensors
@@ -63,7 +64,7 @@ def draw(rng, kind, body, *, terms=TERMS):
         if kind not in counts:
             raise ValueError(f'kind {kind!r}; must be null, single, pair, strange or a name')
         names = [str(n) for n in rng.choice(terms, counts[kind], replace=False)]
-    effects = tuple(draw_effect(rng, name, body) for name in names)
+    effects = tuple(in_some_form(rng, draw_effect(rng, name, body)) for name in names)
     if kind in STRANGE or kind == 'strange':
         name = kind if kind in STRANGE else str(rng.choice(sorted(STRANGE)))
         effects = (draw_strange(rng, name, body),)
@@ -87,10 +88,13 @@ def truth_of(case):
 
 
 def describe(effect: Effect, body):
-    """Effect as a dict; the marker of marker_slip by its name, too."""
+    """Effect as a dict; the marker of marker_slip by its name, too.
+
+    same : names of the values that mean what they mean in the registry
+    """
     values = {k: list(v) if isinstance(v, tuple) else v for k, v in effect.values.items()}
     if 'marker' in values:
         values['marker_name'] = marker_names(body)[values['marker']]
     place = None if effect.place is None else np.array(effect.place).tolist()
-    return {'name': effect.name, 'size': effect.size, 'values': values, 'place_m': place,
-            'onset_s': effect.onset}
+    return {'name': effect.name, 'form': effect.form, 'same': list(same_values(effect)),
+            'size': effect.size, 'values': values, 'place_m': place, 'onset_s': effect.onset}

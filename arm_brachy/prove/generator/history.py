@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import interp1d
 
+from arm_brachy.prove.generator.forms import act_of
 from arm_brachy.prove.generator.grid import nodes_to_dofs
 from arm_brachy.prove.generator.memory import Law, Memory, advance, prestress, soften
 from arm_brachy.prove.generator.response import PAIR_LEVEL
@@ -11,15 +12,28 @@ from arm_brachy.prove.generator.solver import NotSolved
 from arm_brachy.prove.generator.sparse import Factor
 
 
+def viscoelasticity(v):
+    """Two relaxing branches."""
+    return Law((v['g1'], v['g2']), (v['tau1_s'], v['tau2_s']))
+
+
+def stress_softening(v):
+    """Damage that saturates."""
+    return Law(damage=v['damage'], energy=v['energy_Pa'])
+
+
+MEMORY = {f.__name__: f for f in (viscoelasticity, stress_softening)}
+
+
 def law_of(effects, modulus):
     """`Law` of the effects that have memory, or None; energies over the true modulus."""
-    values = {e.name: e.values for e in effects}
-    if not values.keys() & {'viscoelasticity', 'stress_softening'}:
+    laws = {e.name: act_of(e, MEMORY)(e.values) for e in effects if e.name in MEMORY}
+    if not laws:
         return None
-    v = values.get('viscoelasticity', {'g1': 0.0, 'g2': 0.0, 'tau1_s': 1.0, 'tau2_s': 1.0})
-    d = values.get('stress_softening', {'damage': 0.0, 'energy_Pa': 1.0})
-    return Law((v['g1'], v['g2']), (v['tau1_s'], v['tau2_s']), d['damage'],
-               d['energy_Pa'] / modulus)
+    relaxing = laws.get('viscoelasticity', Law())
+    softening = laws.get('stress_softening', Law())
+    return replace(softening, shares=relaxing.shares, times=relaxing.times,
+                   energy=softening.energy / modulus)
 
 
 class Field:
@@ -115,7 +129,7 @@ class Chords:
         if loss is not None:
             tissue = self._model.tissue
             soften(x[:cut].reshape(-1, 3), grid.mesh.tets, *grid.slopes, tissue.mu,
-                   tissue.stiffening, loss, pattern.where, data)
+                   tissue.stiffening, tissue.cubic, loss, pattern.where, data)
         factor = Factor(pattern.matrix(pattern.held(data, self.fixed)))
         self._factors = [*self._factors[1 - self._most:], (y, factor)]
 
@@ -171,7 +185,7 @@ def integrate(model, probes, states, pairs, law, t, y):
     chords = Chords(model)
     chords.add(np.zeros(len(model.pads)), field.rest)
     cut = 3 * len(model.grid.nodes)
-    memory = Memory.fresh(model.grid.slopes[1].shape)
+    memory = Memory.fresh(model.grid.slopes[1].shape, len(law.times))
     change, visited, before = [], [], t[0] - 1.0
     for k in chosen:
         plain = field.at(y[k])

@@ -2,7 +2,7 @@
 
 Energy per volume at rest, with Ib = J^(-2/3) tr(F^T F) and I4 = |F a|^2,
 
-    W = mu/2 (Ib - 3) + c (Ib - 3)^2 + k/2 (I4 - 1)^2 + p (J - 1) - p^2 / (2 kappa)
+    W = mu/2 (Ib - 3) + c (Ib - 3)^2 + d (Ib - 3)^3 + k/2 (I4 - 1)^2 + p (J - 1) - p^2 / (2 kappa)
 
 the stationary value of which over the pressure p is the compressible law with kappa/2 (J - 1)^2.
 """
@@ -23,14 +23,15 @@ def cofactor(F):
 
 
 @njit(cache=True)
-def stress(F, J, C, mu, c, k, a):
+def stress(F, J, C, mu, c, d, k, a):
     """First Piola-Kirchhoff stress (3, 3) [Pa] less its pressure part, F (3, 3).
 
-    J, C : of `cofactor`; mu, c, k [Pa]; a (3,) fibre, unit vector.
+    J, C : of `cofactor`; mu, c, d, k [Pa]; a (3,) fibre, unit vector.
     """
     j23 = J ** (-2.0 / 3.0)
     i1 = (F * F).sum()
-    alpha = mu + 4 * c * (j23 * i1 - 3)
+    off = j23 * i1 - 3
+    alpha = mu + 4 * c * off + 6 * d * off**2
     P = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -45,11 +46,13 @@ def stress(F, J, C, mu, c, k, a):
 
 
 @njit(cache=True)
-def stiffness(F, J, C, mu, c, k, a, p):
+def stiffness(F, J, C, mu, c, d, k, a, p):
     """Derivative (3, 3, 3, 3) [Pa] of the whole stress by F at fixed pressure p."""
     j23 = J ** (-2.0 / 3.0)
     i1 = (F * F).sum()
-    alpha = (mu + 4 * c * (j23 * i1 - 3)) * j23
+    off = j23 * i1 - 3
+    alpha = (mu + 4 * c * off + 6 * d * off**2) * j23
+    bend = 2 * c + 6 * d * off
     H = C / J
     G = 2 * j23 * (F - i1 / 3 * H)
     f = F @ a
@@ -62,7 +65,7 @@ def stiffness(F, J, C, mu, c, k, a, p):
                     v = alpha * (-2.0 / 3.0 * (F[i, j] * H[m, n] + H[i, j] * F[m, n])
                                  + 2.0 / 9.0 * i1 * H[i, j] * H[m, n]
                                  + i1 / 3 * H[i, n] * H[m, j])
-                    v += 2 * c * G[i, j] * G[m, n]
+                    v += bend * G[i, j] * G[m, n]
                     v += p * J * (H[i, j] * H[m, n] - H[i, n] * H[m, j])
                     v += 4 * k * f[i] * a[j] * f[m] * a[n]
                     if i == m:

@@ -78,6 +78,7 @@ class Layer:
 def make_layer(grid, thickness, excess):
     """`Layer` of `thickness` [m] under the surface, its shear modulus greater by `excess` [Pa].
 
+    thickness : a number, or a function of places (f, 7, 3) on the surface [m] that gives (f, 7)
     Points: seven on the face by two in depth, in every element with a face on the surface.
     """
     owners, opposite = owners_of(grid.mesh)
@@ -85,6 +86,8 @@ def make_layer(grid, thickness, excess):
     n, _, w = triangle_rule()
     flat = n[:, :3] + 0.5 * n[:, [3, 4, 5]] + 0.5 * n[:, [5, 3, 4]]
     face = inward(flat, opposite, np.zeros((len(owners), 7)))
+    if callable(thickness):
+        thickness = thickness(np.einsum('fqa,fai->fqi', face, x[:, :4]))
     share = np.minimum(thickness * steepness(x, face, opposite), 1.0)
     bary = np.hstack([inward(flat, opposite, share * d) for d in DEPTHS])
     dn = slopes(bary)

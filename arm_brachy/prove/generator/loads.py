@@ -25,11 +25,10 @@ class Dead:
 
 
 def weight(grid, density, acceleration):
-    """`Dead` load of density [kg/m^3] times acceleration (3,) [m/s^2]."""
+    """`Dead` load of density [kg/m^3], a number or (m, q), times acceleration (3,) [m/s^2]."""
     nodal = np.zeros(grid.nodes.shape)
-    share = np.einsum('mq,qa->ma', grid.slopes[1], shapes(POINTS))
-    np.add.at(nodal, grid.mesh.tets.ravel(),
-              (share.ravel() * density)[:, None] * np.asarray(acceleration))
+    share = np.einsum('mq,qa->ma', density * grid.slopes[1], shapes(POINTS))
+    np.add.at(nodal, grid.mesh.tets.ravel(), share.reshape(-1, 1) * np.asarray(acceleration))
     return Dead(nodal)
 
 
@@ -39,10 +38,16 @@ def biweight(x, centre, radius):
     return np.where(r2 < 1, (1 - np.minimum(r2, 1))**2, 0.0)
 
 
-def finger(grid, force, centre, radius):
-    """`Dead` load of `force` (3,) [N] spread over the surface by a biweight kernel."""
+def disc(x, centre, radius):
+    """Kernel (...) that is one within `radius` of `centre`, with an edge of a tenth of that."""
+    away = np.sqrt(((x - centre)**2).sum(-1)) / radius
+    return np.clip((1.05 - away) / 0.1, 0.0, 1.0)
+
+
+def finger(grid, force, centre, radius, kernel=biweight):
+    """`Dead` load of `force` (3,) [N] spread over the surface by a kernel."""
     x, area, n = grid.face_points(grid.mesh.surface)
-    b = biweight(x, np.asarray(centre), radius) * np.linalg.norm(area, axis=2)
+    b = kernel(x, np.asarray(centre), radius) * np.linalg.norm(area, axis=2)
     nodal = np.zeros(grid.nodes.shape)
     share = np.einsum('fq,qa->fa', b, n) / b.sum()
     np.add.at(nodal, grid.mesh.surface.ravel(), share.reshape(-1, 1) * np.asarray(force))
@@ -55,7 +60,8 @@ class Support:
 
     shape (7, 6); start (f, 7, 3) [m] their positions at rest; springs (f, 7, 3, 3) [N/m] that
     always act; wall (f, 7) [N/m] stiffness against positions beyond `offset` (f, 7) [m] along
-    the unit vector `normal` (3,); on_base: it goes with the base, by `shift` (3,) [m].
+    the unit vector `normal` (3,); on_base: it goes with the base, by `shift` [m], (3,) or
+    (f, 7, 3).
     """
 
     faces: np.ndarray
@@ -69,8 +75,8 @@ class Support:
     shift: tuple = (0.0, 0.0, 0.0)
 
     def carried(self, shift):
-        """The support with the base moved by `shift` (3,) [m]."""
-        return replace(self, shift=shift) if self.on_base else self
+        """The support with the base moved by `shift`, a function of places (..., 3) [m]."""
+        return replace(self, shift=shift(self.start)) if self.on_base else self
 
     def _pressing(self, u):
         moved = np.einsum('qa,fai->fqi', self.shape, u[self.faces]) - self.shift
@@ -98,33 +104,47 @@ class Support:
         np.add.at(data, pattern.find(rows[upper], columns[upper]), entries[upper])
 
 
-def springs(grid, normal, tangential):
-    """Winkler foundation under the whole base, moduli along and across its normal [Pa/m]."""
+def springs(grid, normal, tangential, factor=None):
+    """Winkler foundation under the whole base, moduli along and across its normal [Pa/m].
+
+    factor : on both, a function of places (..., 3) [m]
+    """
     x, area, shape = grid.face_points(grid.mesh.base)
     k = np.diag([tangential, tangential, normal])
     size = np.linalg.norm(area, axis=2)
+    if factor is not None:
+        size = size * factor(x)
     none = np.zeros(size.shape)
     return Support(grid.mesh.base, shape, x, size[..., None, None] * k, none,
                    np.array([0, 0, 1.0]), none, on_base=True)
 
 
-def loose_base(grid, centre, radius, stiff):
-    """Base glued, by springs `stiff` [Pa/m], but for a disc that can only press on the plate."""
+def loose_base(grid, loose, stiff):
+    """Base glued, by springs `stiff` [Pa/m], but where it can only press on the plate.
+
+    loose : function of places (f, 7, 3) and their areas (f, 7) that gives where (f, 7), bool
+    """
     x, area, shape = grid.face_points(grid.mesh.base)
     size = np.linalg.norm(area, axis=2) * stiff
-    free = ((x - centre)**2).sum(-1) < radius**2
+    free = loose(x, size / stiff)
     glue = np.where(free, 0.0, size)[..., None, None] * np.eye(3)
     return Support(grid.mesh.base, shape, x, glue, np.where(free, size, 0.0),
                    np.array([0, 0, -1.0]), np.zeros(size.shape), on_base=True)
 
 
-def wall(grid, centre, radius, normal, gap, stiff):
-    """Flat wall `gap` [m] off the surface round `centre`, with outward normal (3,) of that."""
+def wall(grid, centre, radius, normal, gap, stiff, bend=0.0):
+    """Wall `gap` [m] off the surface round `centre`, with outward normal (3,) of that.
+
+    bend : curvature of the wall, which bulges towards the body where it is positive [1/m]
+    """
     x, area, shape = grid.face_points(grid.mesh.surface)
     b = biweight(x, np.asarray(centre), radius)
     near = (b > 0).any(1)
     x, area, b = x[near], area[near], b[near]
-    reach = (x @ normal)[b > 0].max() + gap
+    arm = x - centre
+    aside = (arm**2).sum(-1) - (arm @ normal)**2
+    away = bend * aside / 2
+    reach = (x @ normal - away)[b > 0].max() + gap
     stiffness = stiff * b * np.linalg.norm(area, axis=2)
     return Support(grid.mesh.surface[near], shape, x, np.zeros((*b.shape, 3, 3)), stiffness,
-                   np.asarray(normal), np.full(b.shape, reach))
+                   np.asarray(normal), reach + away)

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from arm_brachy.prove.generator.case import truth_of
+from arm_brachy.prove.generator.forms import act_of
 from arm_brachy.prove.generator.plant import play
 from arm_brachy.prove.generator.recorder import (
     clean_streams,
@@ -17,6 +18,8 @@ from arm_brachy.prove.generator.sensing import SENSING
 from arm_brachy.prove.generator.strange import STRANGE_SENSING
 from arm_brachy.prove.generator.surface import nominal_surface
 from arm_brachy.prove.generator.world import marker_names, pad_markers, target_names
+
+SEEN = {**SENSING, **STRANGE_SENSING}
 
 
 def make(case, folder, cache):
@@ -34,9 +37,8 @@ def make(case, folder, cache):
     streams = clean_streams(run.world, run.t, run.u, run.y,
                             noisy_times(rng, case.sensors, run.shown))
     for effect in case.effects:
-        act = {**SENSING, **STRANGE_SENSING}.get(effect.name)
-        if act is not None:
-            act(streams, effect.values)
+        if effect.name in SEEN:
+            act_of(effect, SEEN)(streams, effect.values)
     spoil(rng, streams, case.sensors, case.nuisances)
     write_streams(streams, folder)
     (folder / 'body.json').write_text(json.dumps(known(case.body), indent=1))

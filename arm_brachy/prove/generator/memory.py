@@ -1,4 +1,9 @@
-"""Forces of tissue that remembers: two relaxing branches, and softening by past strain."""
+"""Forces of tissue that remembers: relaxing branches, and softening by past strain.
+
+Softening takes the share damage(x) of the modulus, x the largest energy so far over a scale: with
+D the most it takes, D (1 - exp(-x)) as the registry has it, or else as RATIONAL and
+FROM_A_THRESHOLD say.
+"""
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,33 +12,50 @@ from numba import njit
 from arm_brachy.prove.generator.assembly import deformation
 from arm_brachy.prove.generator.law import cofactor, stress
 
+# How damage grows: with 1 - exp(-x); with x / (1 + x); not below x = 1/3, then by the first.
+SATURATING, RATIONAL, FROM_A_THRESHOLD = range(3)
+THRESHOLD = 1.0 / 3.0
+
+
+@njit(cache=True)
+def lost(x, kind):
+    """Share of all damage that there is at energy x over its scale, and its derivative by x."""
+    if kind == RATIONAL:
+        return x / (1 + x), 1 / (1 + x)**2
+    if kind == FROM_A_THRESHOLD:
+        if x < THRESHOLD:
+            return 0.0, 0.0
+        x = x - THRESHOLD
+    return 1 - np.exp(-x), np.exp(-x)
+
 
 @dataclass(frozen=True)
 class Law:
-    """shares (2,) of the instantaneous modulus that relax, times (2,) [s]; damage: largest share
-    that can be lost, energy [Pa] at which 63 % of it is.
+    """shares (b,) of the instantaneous modulus that relax, times (b,) [s]; damage: largest share
+    that can be lost; energy [Pa]: the scale of damage; softening: how that grows.
     """
 
     shares: tuple = (0.0, 0.0)
     times: tuple = (1.0, 1.0)
     damage: float = 0.0
     energy: float = 1.0
+    softening: int = SATURATING
 
     @property
     def gains(self):
-        """Modulus of each branch over the lasting one (2,)."""
+        """Modulus of each branch over the lasting one (b,)."""
         g = np.array(self.shares)
         return g / (1 - g.sum())
 
     def steps(self, dt):
-        """Decay (2,) of the branches over dt [s], and what they gain (2,) of a step of stress."""
+        """Decay (b,) of the branches over dt [s], and what they gain (b,) of a step of stress."""
         tau = np.array(self.times)
         decay = np.exp(-dt / tau)
         return decay, self.gains * (1 - decay) * tau / dt
 
     def kept(self, memory):
         """Share (m, q) of the modulus that softening has left."""
-        return 1 - self.damage * (1 - np.exp(-memory.energy / self.energy))
+        return 1 - self.damage * _losses(memory.energy / self.energy, self.softening)[0]
 
     def sudden(self, memory, dt):
         """Shear modulus (m, q) of a small step in dt [s], over that of fresh tissue at length."""
@@ -41,7 +63,7 @@ class Law:
 
     def loss(self, before, after):
         """Share (m, q) of the modulus that softening takes per energy [1/Pa], where it grows."""
-        rate = self.damage / self.energy * np.exp(-after.energy / self.energy)
+        rate = self.damage / self.energy * _losses(after.energy / self.energy, self.softening)[1]
         return np.where(after.energy > before.energy, rate, 0.0)
 
     def standing(self, memory, dt):
@@ -50,11 +72,21 @@ class Law:
         return self.kept(memory)[..., None, None] * past
 
 
+@njit(cache=True)
+def _losses(x, kind):
+    """`lost` of every entry of x (m, q), both (m, q)."""
+    share, rate = np.empty(x.shape), np.empty(x.shape)
+    for e in range(x.shape[0]):
+        for q in range(x.shape[1]):
+            share[e, q], rate[e, q] = lost(x[e, q], kind)
+    return share, rate
+
+
 @dataclass
 class Memory:
     """What the tissue remembers at its integration points (m, q): stress (m, q, 3, 3) of the
-    lasting law (second Piola-Kirchhoff, isochoric) at the last step, that of both branches
-    (2, m, q, 3, 3) [Pa], and the largest energy so far (m, q) [Pa].
+    lasting law (second Piola-Kirchhoff, isochoric) at the last step, that of the branches
+    (b, m, q, 3, 3) [Pa], and the largest energy so far (m, q) [Pa].
     """
 
     stress: np.ndarray
@@ -62,17 +94,17 @@ class Memory:
     energy: np.ndarray
 
     @classmethod
-    def fresh(cls, shape):
+    def fresh(cls, shape, branches=2):
         """Memory of tissue that has never been strained; shape (m, q)."""
-        return cls(np.zeros((*shape, 3, 3)), np.zeros((2, *shape, 3, 3)), np.zeros(shape))
+        return cls(np.zeros((*shape, 3, 3)), np.zeros((branches, *shape, 3, 3)), np.zeros(shape))
 
 
 @njit(cache=True)
-def remembered(u, tets, dn, vol, mu, kappa, c, k, a, old, branches, past, decay, step, damage,
-               energy, new, grown, most):
+def remembered(u, tets, dn, vol, mu, c, d, k, a, old, branches, past, decay, step, damage,
+               energy, softening, new, grown, most):
     """Nodal forces (n, 3) [N] that memory adds to those of the lasting law.
 
-    old, branches, past : the `Memory` before the step; decay (2,) exp(-dt/tau), step (2,) gain
+    old, branches, past : the `Memory` before the step; decay (b,) exp(-dt/tau), step (b,) gain
     times (1 - decay) tau / dt: exact for stress linear in time.  new, grown, most : the memory
     after it, filled in.  Softening takes its share of the branches as well.
     """
@@ -81,13 +113,13 @@ def remembered(u, tets, dn, vol, mu, kappa, c, k, a, old, branches, past, decay,
         for q in range(vol.shape[1]):
             F = deformation(u, tets[e], dn[e, q])
             J, C = cofactor(F)
-            P = stress(F, J, C, mu[e, q], c[e, q], k[e, q], a)
+            P = stress(F, J, C, mu[e, q], c[e, q], d[e, q], k[e, q], a[e, q])
             S = C.T @ P / J
-            ib = J ** (-2.0 / 3.0) * (F * F).sum()
-            most[e, q] = max(past[e, q], mu[e, q] / 2 * (ib - 3) + c[e, q] * (ib - 3) ** 2)
-            kept = 1 - damage * (1 - np.exp(-most[e, q] / energy))
+            off = J ** (-2.0 / 3.0) * (F * F).sum() - 3
+            most[e, q] = max(past[e, q], mu[e, q] / 2 * off + c[e, q] * off**2 + d[e, q] * off**3)
+            kept = 1 - damage * lost(most[e, q] / energy, softening)[0]
             T = np.zeros((3, 3))
-            for b in range(2):
+            for b in range(decay.shape[0]):
                 for i in range(3):
                     for j in range(3):
                         h = decay[b] * branches[b, e, q, i, j] + step[b] * (
@@ -123,10 +155,10 @@ def prestress(H, tets, dn, vol, where, data):
 
 
 @njit(cache=True)
-def soften(u, tets, dn, vol, mu, c, loss, where, data):
+def soften(u, tets, dn, vol, mu, c, d, loss, where, data):
     """Take from `data` what softening that grows takes of the stiffness at displacement u.
 
-    mu, c : of the energy that softens;  loss : (m, q) [1/Pa], see `Law.loss`
+    mu, c, d : of the energy that softens;  loss : (m, q) [1/Pa], see `Law.loss`
     """
     plain = np.zeros(3)
     for e in range(tets.shape[0]):
@@ -135,7 +167,7 @@ def soften(u, tets, dn, vol, mu, c, loss, where, data):
                 continue
             F = deformation(u, tets[e], dn[e, q])
             J, C = cofactor(F)
-            pull = dn[e, q] @ stress(F, J, C, mu[e, q], c[e, q], 0.0, plain).T
+            pull = dn[e, q] @ stress(F, J, C, mu[e, q], c[e, q], d[e, q], 0.0, plain).T
             for n in range(tets.shape[1]):
                 for o in range(tets.shape[1]):
                     for i in range(3):
@@ -152,8 +184,8 @@ def advance(model, law, memory, u, dt):
                    np.empty_like(memory.energy))
     dn, vol = model.grid.slopes
     tissue = model.tissue
-    f = remembered(u, model.grid.mesh.tets, dn, vol, tissue.mu, tissue.kappa, tissue.stiffening,
+    f = remembered(u, model.grid.mesh.tets, dn, vol, tissue.mu, tissue.stiffening, tissue.cubic,
                    tissue.fibre_modulus, tissue.fibre, memory.stress, memory.branches,
-                   memory.energy, decay, step, law.damage, law.energy, after.stress,
-                   after.branches, after.energy)
+                   memory.energy, decay, step, law.damage, law.energy, law.softening,
+                   after.stress, after.branches, after.energy)
     return f, after

@@ -1,5 +1,5 @@
 """Equilibrium of the body under pads that move it: Newton's method and path following."""
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,19 +14,22 @@ class NotSolved(RuntimeError):
 
 @dataclass(frozen=True)
 class Tissue:
-    """Moduli at the integration points (m, q) [Pa]; fibre (3,) unit vector; swelling stretch."""
+    """At the integration points (m, q): moduli [Pa], fibre (m, q, 3) unit vectors, stretch by
+    swelling [1].
+    """
 
     mu: np.ndarray
     kappa: np.ndarray
     stiffening: np.ndarray
+    cubic: np.ndarray
     fibre_modulus: np.ndarray
-    fibre: np.ndarray = field(default_factory=lambda: np.array([1.0, 0, 0]))
-    swelling: float = 1.0
+    fibre: np.ndarray
+    swelling: np.ndarray
 
     @property
     def arguments(self):
         """In the order the compiled loops take them."""
-        return (self.mu, self.kappa, self.stiffening, self.fibre_modulus, self.fibre,
+        return (self.mu, self.kappa, self.stiffening, self.cubic, self.fibre_modulus, self.fibre,
                 self.swelling)
 
 
@@ -34,7 +37,7 @@ def uniform(grid, modulus, poisson):
     """Homogeneous `Tissue` on `grid` of Young's modulus [Pa] and Poisson's ratio."""
     one = np.ones(grid.slopes[1].shape)
     return Tissue(modulus / (2 * (1 + poisson)) * one, modulus / (3 * (1 - 2 * poisson)) * one,
-                  0 * one, 0 * one)
+                  0 * one, 0 * one, 0 * one, np.multiply.outer(one, [1.0, 0.0, 0.0]), one)
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ class Model:
     loads : objects with `add(u, f)`, which adds what they exert on nodes, with its sign turned,
     to internal forces f (n, 3) and `stiffen(u, data)`, which adds the derivative.
     released (n,) bool : nodes of the base that are not clamped.
-    shift (3,) : displacement of the clamped base [m].
+    shift (3,) or (b, 3) : displacement of the clamped base, or of each of its nodes [m].
     nudge, turn (p, 3) : what pads move besides, and rotation vectors about their centres, linear.
     """
 

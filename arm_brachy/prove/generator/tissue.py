@@ -20,7 +20,7 @@ def scaled(model, factor):
     t = model.tissue
     return replace(model, tissue=replace(
         t, mu=factor * t.mu, kappa=factor * t.kappa, stiffening=factor * t.stiffening,
-        fibre_modulus=factor * t.fibre_modulus))
+        cubic=factor * t.cubic, fibre_modulus=factor * t.fibre_modulus))
 
 
 def loaded(model, load):
@@ -71,10 +71,20 @@ def strain_stiffening(model, body, v, modulus):
 
 def anisotropy(model, body, v, modulus):
     """One family of fibres."""
+    return fibred(model, fibre_of(v), v['ratio'])
+
+
+def fibre_of(v):
+    """Unit vector (3,) along the fibres."""
     a, e = np.deg2rad([v['azimuth_deg'], v['elevation_deg']])
-    fibre = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+
+
+def fibred(model, fibre, ratio):
+    """Model with fibres along `fibre` (3,) or (m, q, 3), of `ratio` times the shear modulus."""
+    fibre = np.broadcast_to(fibre, model.tissue.fibre.shape).copy()
     return replace(model, tissue=replace(
-        model.tissue, fibre=fibre, fibre_modulus=v['ratio'] * model.tissue.mu))
+        model.tissue, fibre=fibre, fibre_modulus=ratio * model.tissue.mu))
 
 
 def gravity(model, body, v, modulus):
@@ -85,31 +95,37 @@ def gravity(model, body, v, modulus):
 
 def reference_shape(model, body, v, modulus):
     """Stress-free shape stretched, with a bump; what is glued to the skin goes with it."""
-    moved = reshaping(model.grid, v)(model.grid.nodes)
-    return replace(model, grid=replace(model.grid, moved=moved))
+    return reshaped(model, reshaping(model.grid, v))
 
 
-def reshaping(grid, v):
+def reshaped(model, true):
+    """Model whose stress-free shape has its points (n, 3) where the function `true` has them."""
+    return replace(model, grid=replace(model.grid, moved=true(model.grid.nodes)))
+
+
+def reshaping(grid, v, kernel=loads.biweight, stretch=None):
     """Where points (n, 3) of a body of `grid` are in its true shape, a function.
 
     A bump goes along the normal of the surface under it, on the average.
+    kernel : its profile, of points, centre, radius;  stretch : points (n, 3) -> what the body is
+    wider and higher by there (n, 3), even everywhere by default
     """
     centre, radius = np.array(v['bump_centre_mm']) * 1e-3, v['bump_radius_mm'] * 1e-3
     x, area, _ = grid.face_points(grid.mesh.surface)
-    out = np.einsum('fq,fqi->i', loads.biweight(x, centre, radius), area)
+    out = np.einsum('fq,fqi->i', kernel(x, centre, radius), area)
     out = out / np.linalg.norm(out)
 
     def true(x):
-        bump = loads.biweight(x, centre, radius) * (1 - np.maximum(1 - x[:, 2] / radius, 0)**2)
-        moved = x + x * [v['width'], v['width'], v['height']]
-        return moved + (v['bump_height_mm'] * 1e-3 * bump)[:, None] * out
+        bump = kernel(x, centre, radius) * (1 - np.maximum(1 - x[:, 2] / radius, 0)**2)
+        wider = [v['width'], v['width'], v['height']] if stretch is None else stretch(x)
+        return x + x * wider + (v['bump_height_mm'] * 1e-3 * bump)[:, None] * out
 
     return true
 
 
-def met(body, pads, v):
+def met(body, pads, v, shape=reshaping):
     """The pads, each advanced or drawn back along its push to where the surface has gone."""
-    true, out = reshaping(body.grid(COARSE), v), []
+    true, out = shape(body.grid(COARSE), v), []
     for pad in pads:
         here, d = np.array([pad.centre]), np.array(pad.direction)
         n = body.dome.normal(normalised(to_ball(body.dome, here)))[0]
@@ -120,7 +136,12 @@ def met(body, pads, v):
 
 def pad_misplacement(model, body, v, modulus):
     """One pad beside its place."""
-    pads, grid = misplaced(body, model.pads, v), model.grid
+    return with_pads(model, body, misplaced(body, model.pads, v))
+
+
+def with_pads(model, body, pads):
+    """Model with its pads at the places of `pads`, the mesh under them as well."""
+    grid = model.grid
     for i, (pad, there) in enumerate(zip(model.pads, pads, strict=True)):
         if there is not pad:
             grid = replace(grid, mesh=moved_patch(grid.mesh, body.dome, i, pad, there))
@@ -141,23 +162,40 @@ def free_base(model):
 
 def base_compliance(model, body, v, modulus):
     """Winkler foundation."""
+    return on_springs(model, v, modulus)
+
+
+def on_springs(model, v, modulus, factor=None):
+    """Model on a Winkler foundation; factor: as `loads.springs` takes it."""
     k = [v[name] * 1e6 / modulus for name in ('normal_kPa_mm', 'tangential_kPa_mm')]
-    return replace(loaded(model, loads.springs(model.grid, *k)), released=free_base(model))
+    return replace(loaded(model, loads.springs(model.grid, *k, factor)),
+                   released=free_base(model))
 
 
-def base_debond(model, body, v, modulus, stiff=1e4):
-    """Disc of the base without glue; stiff: springs of glue over Young's modulus [1/m]."""
-    load = loads.loose_base(model.grid, np.array(v['centre_mm']) * 1e-3, v['radius_mm'] * 1e-3,
-                            stiff * body.modulus)
+def base_debond(model, body, v, modulus):
+    """Disc of the base without glue."""
+    centre, radius = np.array(v['centre_mm']) * 1e-3, v['radius_mm'] * 1e-3
+    return unglued(model, body, lambda x, area: ((x - centre)**2).sum(-1) < radius**2)
+
+
+def unglued(model, body, loose, stiff=1e4):
+    """Model whose base is glued but where it is `loose`, see `loads.loose_base`.
+
+    stiff : springs of the glue over Young's modulus [1/m]
+    """
+    load = loads.loose_base(model.grid, loose, stiff * body.modulus)
     return replace(loaded(model, load), released=free_base(model))
 
 
-def obstacle(model, body, v, modulus, stiff=1e3):
-    """Flat wall beside the body; stiff: over Young's modulus [1/m]."""
+def obstacle(model, body, v, modulus, stiff=1e3, bend=0.0):
+    """Wall beside the body.
+
+    stiff : over Young's modulus [1/m];  bend : its curvature [1/m], as in `loads.wall`
+    """
     centre = np.array(v['centre_mm']) * 1e-3
     out = surface_normal(model.grid, centre)
     return loaded(model, loads.wall(model.grid, centre, v['radius_mm'] * 1e-3, out,
-                                    v['gap_mm'] * 1e-3, stiff * body.modulus))
+                                    v['gap_mm'] * 1e-3, stiff * body.modulus, bend))
 
 
 def surface_normal(grid, point):
@@ -174,44 +212,61 @@ STATIC = {f.__name__: f for f in (
 KINKED = ('obstacle', 'base_debond')
 
 
-def external_force(model, body, v, modulus):
+def external_force(model, body, v, modulus, kernel=loads.biweight):
     """Finger, while it presses."""
     load = loads.finger(model.grid, np.array(v['force_N']) / modulus,
-                        np.array(v['centre_mm']) * 1e-3, v['radius_mm'] * 1e-3)
+                        np.array(v['centre_mm']) * 1e-3, v['radius_mm'] * 1e-3, kernel)
     end = v['onset_s'] + v['duration_s']
     return loaded(model, load), lambda t, y: ((t > v['onset_s']) & (t <= end)).astype(float)
 
 
 def swelling_drift(model, body, v, modulus, span=100.0):
     """Swelling, as at `span` [s] past its onset; linear in it before that."""
-    rate = v['rate_per_min'] / 60
+    return (swollen(model, grown(v, span) * np.ones_like(model.tissue.swelling)),
+            lambda t, y: grown(v, t - v['onset_s']) / grown(v, span))
 
-    def stretch(seconds):
-        r = rate * np.maximum(seconds, 0)
-        return r if rate >= 0 else 1 / (1 - r) - 1
 
-    tissue = replace(model.tissue, swelling=1 + stretch(span))
-    return (replace(model, tissue=tissue),
-            lambda t, y: stretch(t - v['onset_s']) / stretch(span))
+def grown(v, seconds):
+    """What a line of the body is longer by, over its length, `seconds` (t,) past the onset."""
+    r = v['rate_per_min'] / 60 * np.maximum(seconds, 0)
+    return r if v['rate_per_min'] >= 0 else 1 / (1 - r) - 1
+
+
+def swollen(model, stretch):
+    """Model whose lines are longer by `stretch` (m, q) of their length."""
+    return replace(model, tissue=replace(model.tissue, swelling=1 + stretch))
+
+
+def breath(v, t):
+    """Displacement (t,) of the base by breathing, over its amplitude."""
+    return np.sin(2 * np.pi * v['frequency_Hz'] * t + np.deg2rad(v['phase_deg']))
+
+
+def breath_vector(v):
+    """Displacement (3,) [m] of the base at its amplitude."""
+    e = np.array(v['direction']) / np.linalg.norm(v['direction'])
+    return v['amplitude_mm'] * 1e-3 * e
 
 
 def base_motion(v):
-    """Displacement (t, 3) of the base by breathing, as a function of time."""
-    e = np.array(v['direction']) / np.linalg.norm(v['direction'])
-    phase = np.deg2rad(v['phase_deg'])
-    return lambda t: (v['amplitude_mm'] * 1e-3 * np.sin(
-        2 * np.pi * v['frequency_Hz'] * t + phase))[:, None] * e
+    """Displacement (t, 3) [m] of the base by breathing, as a function of time."""
+    return lambda t: breath(v, t)[:, None] * breath_vector(v)
 
 
 def breathing(model, body, v, modulus):
-    """Base pushed out to its amplitude, and with it what holds a body that is not clamped."""
-    e = np.array(v['direction']) / np.linalg.norm(v['direction'])
-    amplitude = v['amplitude_mm'] * 1e-3
-    shift = tuple(amplitude * e)
+    """Base pushed out to its amplitude."""
+    return on_moved_base(model, lambda x: breath_vector(v)), lambda t, y: breath(v, t)
+
+
+def on_moved_base(model, shift):
+    """Model with its base, and what holds a body that is not clamped, moved by `shift`.
+
+    shift : function of places (..., 3) [m] that gives displacements, (3,) or (..., 3) [m]
+    """
     held = tuple(one.carried(shift) if isinstance(one, loads.Support) else one
                  for one in model.loads)
-    return (replace(model, shift=shift, loads=held),
-            lambda t, y: base_motion(v)(t) @ e / amplitude)
+    nodes = model.grid.nodes[model.grid.mesh.base_nodes]
+    return replace(model, shift=shift(nodes), loads=held)
 
 
 TIMED = {f.__name__: f for f in (external_force, swelling_drift, breathing)}
