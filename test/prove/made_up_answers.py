@@ -18,8 +18,9 @@ def record(given, mode='absolute', case='case_000'):
             'words': '', 'confined': True, 'answer': given}
 
 
-def effect(name, values, *, size=1.0, place=None, onset=None):
-    return {'name': name, 'size': size, 'values': values, 'place_m': place, 'onset_s': onset}
+def effect(name, values, *, size=1.0, place=None, onset=None, **law):
+    return {'name': name, 'size': size, 'values': values, 'place_m': place, 'onset_s': onset,
+            **law}
 
 
 def truth(*effects, kind='single', in_catalogue=True, alike=(), modulus=1.0):

@@ -135,6 +135,14 @@ def test_error_of_a_parameter_is_relative_to_its_departure_from_off():
     assert row['interval_holds']
 
 
+def test_what_means_something_else_in_the_law_that_was_planted_does_not_count():
+    gap = effect('backlash', {'width_mm': 0.5}, form='rounded', same=[])
+    row = score(record(answer('named', cause('backlash', parameters={
+        'width_mm': told(0.2, 0.1, 0.3)}))), truth(gap))
+    assert (row['outcome'], row['parameter_right'], row['intervals']) == ('right', None, 0)
+    assert row['numbers'] == []
+
+
 def test_a_parameter_that_was_not_told_is_not_right():
     row = score(record(answer('named', cause('backlash'))), truth(BACKLASH))
     assert row['parameter_right'] is False

@@ -50,6 +50,21 @@ def test_shares_count_what_they_say():
     assert found['pairs, both'] == (0, 0)
 
 
+def test_laws_are_counted_apart():
+    own = effect('backlash', {'width_mm': 0.2}, form='registry', same=['width_mm'])
+    other = effect('backlash', {'width_mm': 0.2}, form='from_mid_gap', same=[])
+    right = answer('named', cause('backlash', probability=0.9))
+    wrong = answer('named', cause('gravity', probability=0.6))
+    rows = [score(record(given, case=f'case_{i}'), true) for i, (given, true) in enumerate([
+        (right, truth(own)), (wrong, truth(other)), (right, truth(other)),
+        (wrong, truth(own, other, kind='pair')), (right, truth(kind='null'))])]
+    found = {one['what']: (one['count'], one['of']) for one in totals.per_form(rows)}
+    assert found["top-1, all singles: the registry's law"] == (1, 1)
+    assert found['top-1, all singles: another law'] == (1, 2)
+    assert found["wrong claims, or no answer: the registry's law"] == (0, 1)
+    assert found['wrong claims, or no answer: another law'] == (2, 3)
+
+
 def test_power_grows_with_size():
     found = {one['what']: (one['count'], one['of']) for one in totals.power(_rows())}
     assert found['named, 0.2 to 0.5 of the typical size'] == (0, 1)
