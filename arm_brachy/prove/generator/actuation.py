@@ -51,13 +51,21 @@ def lost_steps(t, u, names, v, push_back):
     return u - np.where(late, v['shortfall_mm'] * 1e-3, 0)
 
 
-def compliance(t, u, names, v, push_back, steps=12):
-    """Spring in series: y = u - c F(y), by secants through every instant at once."""
+def compliance(t, u, names, v, push_back):
+    """Spring in series: y = u - c F(y)."""
     c = np.where(chosen(names, v['actuators']), v['compliance_mm_N'] * 1e-3, 0.0)
-    y = u - c * push_back(u)
-    before, miss = u, c * push_back(u)
+    return give_way(u, push_back, lambda force: c * force)
+
+
+def give_way(u, push_back, yielding, steps=12):
+    """Travel y = u - yielding(F(y)), by secants through every instant at once.
+
+    yielding : takes the force (t, p) [N] to what is lost (t, p) [m].  Raises NotSolved.
+    """
+    miss = yielding(push_back(u))
+    y, before = u - miss, u
     for _ in range(steps):
-        error = y + c * push_back(y) - u
+        error = y + yielding(push_back(y)) - u
         if np.abs(error).max() < 1e-8:
             return y
         slope = np.where(np.abs(y - before) > 1e-12, (error - miss) / (y - before + 1e-30), 1.0)
