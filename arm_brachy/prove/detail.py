@@ -32,7 +32,8 @@ def details(answer, effect, start, *, strange=False):
     cause = next((c for c in answer['causes'] if c['term'] == effect['name']), None)
     if cause is None and not strange:
         return dict(EMPTY)
-    found = {**EMPTY, **_place(answer, effect, strange), **_onset(answer, cause, effect, start)}
+    found = {**EMPTY, **_place(answer, effect, strange),
+             **_onset(answer, cause, effect, start, strange)}
     return found if cause is None else {**found, **_parameters(cause, effect)}
 
 
@@ -64,9 +65,12 @@ def _channel(values):
     return STREAMS.get(name, name)
 
 
-def _onset(answer, cause, effect, start):
-    """Error of the onset; of something strange, whether any interval told holds it."""
-    if effect['onset_s'] is None:
+def _onset(answer, cause, effect, start, strange):
+    """Error of the onset; of something strange, whether any interval told holds it.
+
+    None where another law was planted whose onset is not that of the registry's that fits it best.
+    """
+    if effect['onset_s'] is None or not strange and 'onset_s' not in comparable(effect):
         return {}
     true = effect['onset_s'] + start
     if cause is None:

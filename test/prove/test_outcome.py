@@ -118,6 +118,8 @@ def test_onset_counts_from_the_start_of_the_bag():
     row = score(record(given), truth(lost))
     assert row['onset_error_s'] == pytest.approx(0.1)
     assert row['onset_right']
+    slipping = {**lost, 'form': 'slipping', 'same': ['shortfall_mm']}
+    assert score(record(given), truth(slipping))['onset_right'] is None
 
 
 def test_error_of_a_parameter_is_relative_to_its_departure_from_off():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from arm_brachy.prove.generator.case import TERMS, draw
+from arm_brachy.prove.generator.form import REGISTRY
 from arm_brachy.prove.generator.make import make
 from arm_brachy.prove.generator.strange import STRANGE
 
@@ -27,7 +28,8 @@ def table(folder, stream):
 
 @pytest.fixture(scope='module')
 def case(body):
-    return draw(np.random.default_rng(1), 'marker_slip', body)
+    drawn = draw(np.random.default_rng(1), 'marker_slip', body)
+    return replace(drawn, effects=tuple(replace(e, form=REGISTRY) for e in drawn.effects))
 
 
 @pytest.fixture(scope='module')
