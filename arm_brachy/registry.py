@@ -126,8 +126,9 @@ def split(terms):
 
 def documentation_table():
     """Return the table of terms as Markdown, generated from the declarations alone."""
-    lines = ['| term | what | kind | equation | parameters | source | invisible when |',
-             '|---|---|---|---|---|---|---|']
+    heads = ('term', 'what', 'kind', 'equation', 'parameters', 'source', 'invisible when',
+             'left open')
+    lines = [f'| {" | ".join(heads)} |', '|---' * len(heads) + '|']
     for kind in Kind:
         lines += [_row(term) for term in TERMS if term.spec.kind is kind]
     return '\n'.join(lines) + '\n'
@@ -140,7 +141,7 @@ def _row(term):
                              f'`{f.name}` (default {f.default!r})'
                              for f in dataclasses.fields(term))
     cells = (f'`{spec.name}`', spec.summary, spec.kind.value, f'`{spec.equation}`', parameters,
-             spec.source, spec.invisible_when or 'none known')
+             spec.source, spec.invisible_when or 'none known', spec.leaves_open or 'none known')
     return '| ' + ' | '.join(cell.replace('|', '\\|') for cell in cells) + ' |'
 
 

@@ -27,7 +27,8 @@ def term_sheet(name):
     spec = term.spec
     parts = [*textwrap.wrap(f'{spec.name}: {spec.summary} ({spec.kind.value})', WIDTH), '',
              *_named('equation', spec.equation), *_named('source', spec.source),
-             *_named('invisible', spec.invisible_when or 'never, as far as is known')]
+             *_named('invisible', spec.invisible_when or 'never, as far as is known'),
+             *_named('left open', spec.leaves_open or 'nothing, as far as is known')]
     for field in dataclasses.fields(term):
         parts += _parameter(term, field)
     return '\n'.join([*parts, '', 'in a scenario, under `plant` or `model`:', _entry(term)])

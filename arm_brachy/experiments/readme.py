@@ -71,10 +71,10 @@ def _nodes(results):
 
 
 def _terms(results):
-    lines = ['| term | kind | what is added |', '|---|---|---|']
+    lines = ['| term | kind | what is added | what its law leaves open |', '|---|---|---|---|']
     for term in registry.TERMS:
-        spec = term.spec
-        lines.append(f'| `{spec.name}` | {spec.kind.value} | {spec.summary} |')
+        s = term.spec
+        lines.append(f'| `{s.name}` | {s.kind.value} | {s.summary} | {s.leaves_open} |')
     return '\n'.join(lines)
 
 

@@ -125,7 +125,7 @@ def test_the_specification_is_complete(cls):
     spec = cls.spec
     assert isinstance(spec, TermSpec)
     assert spec.name == cls.__module__.rpartition('.')[2]
-    assert spec.summary and spec.equation and spec.source
+    assert spec.summary and spec.equation and spec.source and spec.leaves_open
     assert (spec.stage is Stage.BODY) == (spec.kind in BODY_STAGES)
     assert cls().stage is spec.stage
     assert cls.__doc__ and 'Test: ' in cls.__doc__

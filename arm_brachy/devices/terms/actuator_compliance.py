@@ -60,7 +60,8 @@ class ActuatorCompliance(ActuationTerm):
         source="definition: Hooke's law in series; step 1 / (1 + c k) of Barzilai & Borwein 1988, "
                'IMA J Numer Anal 8:141',
         invisible_when='no pad marker is seen and a single pad is pushed in one direction: it '
-                       'then equals a negative gain of the actuator')
+                       'then equals a negative gain of the actuator',
+        leaves_open='a spring that stiffens, and friction in it')
 
     def memory(self, q0):
         """Return the state of a bank that rests unloaded at q0 (n,) [m].

@@ -40,7 +40,8 @@ class ActuatorGain(ActuationTerm):
         source='definition: scale and zero error of a linear transmission',
         invisible_when='no pad marker is seen and a single pad is pushed in one direction: the '
                        'gain then equals a compliance in series, the offset where the pad first '
-                       'touches')
+                       'touches',
+        leaves_open='a scale that changes along the travel, as of a screw whose pitch is uneven')
 
     def memory(self, q0):
         """Return None: nothing is remembered.

@@ -51,7 +51,9 @@ class ActuatorLag(ActuationTerm):
         source='definition: first-order lag with dead time',
         invisible_when='encoders are recorded: they show the motor late and drive the model; only '
                        'rest positions are recorded; with one constant speed and no hold it '
-                       'equals an offset; without the encoder it equals a clock offset')
+                       'equals an offset; without the encoder it equals a clock offset',
+        leaves_open='a loop of second order that overshoots; another time constant in either '
+                    'direction; a limit of speed')
 
     def memory(self, q0):
         """Return the state of a bank that has rested at q0 (n,) [m] for ever."""

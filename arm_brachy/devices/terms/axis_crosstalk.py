@@ -40,7 +40,8 @@ class AxisCrosstalk(SensingTerm):
         equation='y_i = (I + C) f_i',
         source='definition: off-diagonal entries of the inverse of a calibration matrix',
         invisible_when='forces act along one line alone: of the six shares three sums then show, '
-                       'of a line along an axis two')
+                       'of a line along an axis two',
+        leaves_open='shares that grow with load or saturate; a sensor that turns under load')
 
     def distort(self, t, names, values, pads):
         """Return the apparent forces (k, 3) [N].

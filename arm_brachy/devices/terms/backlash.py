@@ -39,7 +39,9 @@ class Backlash(ActuationTerm):
         equation='y(t) = min(max(y(t-), u(t) - (1 - a) w), u(t) + a w)',
         source='play operator: Visintin 1994, Differential Models of Hysteresis',
         invisible_when='pads only ever move one way (then it is an offset), or neither a pad '
-                       'marker nor a marker on the tissue is seen across a reversal')
+                       'marker nor a marker on the tissue is seen across a reversal',
+        leaves_open='corners that friction rounds; a gap that differs along the travel by wear; '
+                    'a pad that creeps back through it')
 
     def memory(self, q0):
         """Return the pad positions (n,) of a bank at rest at q0, by `start` in its play.

@@ -36,7 +36,8 @@ class ClockOffset(SensingTerm):
         source='definition; Olson 2010, A passive solution to the sensor synchronization problem, '
                'IROS',
         invisible_when='nothing moves; with a single stream besides the encoders it equals a dead '
-                       'time of the actuators, as does one offset of all streams')
+                       'time of the actuators, as does one offset of all streams',
+        leaves_open='a clock that runs fast or slow; a delay that differs from sample to sample')
 
     @property
     def stage(self):

@@ -71,7 +71,9 @@ class EmDistortion(SensingTerm):
                'Reality 5:169; the inverse cube of the distance to metal: Nixon et al. 1998, '
                'Presence 7:204; fading and direction are own choices',
         invisible_when='the sensor does not move (static part) and the pads do not move '
-                       '(pad part); one pad and one direction cannot split the two')
+                       '(pad part); one pad and one direction cannot split the two',
+        leaves_open='several pieces of metal; a field that changes with time; coupling to pads '
+                    'that is not linear')
 
     def distort(self, t, names, values, pads):
         """Return the apparent positions (k, 3) [m].

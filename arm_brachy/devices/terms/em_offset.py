@@ -33,7 +33,8 @@ class EmOffset(SensingTerm):
         equation='y_i = p_i + b',
         source='definition: the constant term of a registration',
         invisible_when='only displacements from a rest frame are used, or the place of the sensor '
-                       'in the tissue is known no better than the offset')
+                       'in the tissue is known no better than the offset',
+        leaves_open='an offset that settles with time, or turns with the sensor')
 
     def distort(self, t, names, values, pads):
         """Return the apparent positions (k, 3) [m].

@@ -38,7 +38,8 @@ class ForceDrift(SensingTerm):
         equation='y_i(t) = f_i(t) + b + r t',
         source='definition: zero error and instrumental drift (VIM, JCGM 200:2012, 4.28 and 4.21)',
         invisible_when='the pads are never unloaded in the recording: the bias then is a pad that '
-                       'touches earlier, the drift a modulus that creeps')
+                       'touches earlier, the drift a modulus that creeps',
+        leaves_open='the course: a sensor that warms up settles, others wander')
 
     def distort(self, t, names, values, pads):
         """Return the apparent forces (k, 3) [N].

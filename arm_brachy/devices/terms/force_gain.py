@@ -33,7 +33,8 @@ class ForceGain(SensingTerm):
         source='definition: error of the sensitivity (VIM, JCGM 200:2012, 4.12)',
         invisible_when='all pads have it alike and no weight of known mass acts: then it equals a '
                        'modulus scaled by 1 + g; with two pads a gain of one equals the inverse '
-                       'gain of the other and another modulus')
+                       'gain of the other and another modulus',
+        leaves_open='a sensitivity that depends on the load, or differs between the axes')
 
     def distort(self, t, names, values, pads):
         """Return the apparent forces (k, 3) [N].

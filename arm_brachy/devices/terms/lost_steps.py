@@ -35,7 +35,8 @@ class LostSteps(ActuationTerm):
         equation='y(t) = u(t) - s if t >= t_s else u(t)',
         source='loss of synchronism of a stepping motor: Acarnley 2002, Stepping Motors, 4th ed.',
         invisible_when='the onset precedes the recording (then it is the offset of actuator_gain) '
-                       'or no pad or tissue marker is seen after it')
+                       'or no pad or tissue marker is seen after it',
+        leaves_open='a loss in several goes or over a second or two; one that depends on load')
 
     def memory(self, q0):
         """Return None: nothing is remembered.

@@ -34,7 +34,8 @@ class MarkerSlip(SensingTerm):
         equation='y_i(t) = p_i(t) + b if i = s and t >= t_s else p_i(t)',
         source='soft-tissue artefact of skin markers: Leardini et al. 2005, Gait & Posture 21:212',
         invisible_when='the marker is hidden from the onset on, or the onset precedes the '
-                       'recording and the reference position is taken from it')
+                       'recording and the reference position is taken from it',
+        leaves_open='a marker that creeps over seconds, or slips several times')
 
     def distort(self, t, names, values, pads):
         """Return values (k, 3) with one row shifted from the onset on.

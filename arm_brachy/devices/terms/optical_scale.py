@@ -37,7 +37,9 @@ class OpticalScale(SensingTerm):
                'View Geometry, sec. 10.2',
         invisible_when='no length is tied by encoders, EM tracker or gravity: then it equals a '
                        'body of another size; markers that do not move show nothing without a '
-                       'known distance')
+                       'known distance',
+        leaves_open='a scale that differs between depth and the image plane; distortion of a '
+                    'lens')
 
     def distort(self, t, names, values, pads):
         """Return the apparent positions (k, 3) [m]."""

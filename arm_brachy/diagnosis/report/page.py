@@ -72,6 +72,7 @@ class _Cause:
     equation: str
     symbols: str
     parameters: Grid
+    leaves_open: str
     source: str
 
 
@@ -213,7 +214,8 @@ def _cause(cause, body):
               if value not in ((), '', EVERY)]
     return _Cause(_capital(formatting.spoken(cause.term)), cause.spec.summary,
                   f' ({", ".join(chosen)})' if chosen else '', cause.spec.equation, cause.symbols,
-                  _parameter_grid(cause.shown()), f'Source: {cause.spec.source}.')
+                  _parameter_grid(cause.shown()), cause.spec.leaves_open,
+                  f'Source: {cause.spec.source}.')
 
 
 def _chosen(key, value, body):

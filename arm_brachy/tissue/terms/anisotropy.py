@@ -44,7 +44,9 @@ class Anisotropy(BodyTerm):
         source='standard reinforcing model: Qiu & Pence 1997, J Elasticity 49:1; I4 whole, not '
                'its isochoric part: Helfenstein et al. 2010, Int J Solids Struct 47:2056',
         invisible_when='the fibres are not strained; pushed by one pad alone, it hardly differs '
-                       'from another modulus or a gradient of it')
+                       'from another modulus or a gradient of it',
+        leaves_open='fibres that follow the shape or turn from place to place; two families; '
+                    'fibres that bear no pressure')
 
     @property
     def direction(self):

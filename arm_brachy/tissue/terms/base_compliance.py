@@ -42,7 +42,9 @@ class BaseCompliance(BodyTerm):
         source='Winkler 1867, Die Lehre von der Elasticitaet und Festigkeit; Hetenyi 1946, Beams '
                'on Elastic Foundation',
         invisible_when='no marker lies within about one pad diameter of the base and no base '
-                       'marker exists; also where normal, tangential >> E / height')
+                       'marker exists; also where normal, tangential >> E / height',
+        leaves_open='a foundation that differs from place to place, as of a plate that bends; '
+                    'one that is not linear')
 
     def prepare(self, body):
         """Return `body` on springs instead of fixed nodes.

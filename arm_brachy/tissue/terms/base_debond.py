@@ -52,7 +52,9 @@ class BaseDebond(BodyTerm):
                'Computational Contact Mechanics; Kikuchi & Oden 1988, Contact Problems in '
                'Elasticity',
         invisible_when='the sector is pressed down and not sheared in every load; also where the '
-                       'radius is below the size of the faces of the base')
+                       'radius is below the size of the faces of the base',
+        leaves_open='the outline: a long patch, or an edge that has peeled; friction where it '
+                    'rests; glue that gives way further')
 
     def prepare(self, body):
         """Return `body` with the sector loose.

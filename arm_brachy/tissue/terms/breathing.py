@@ -45,7 +45,9 @@ class Breathing(BodyTerm):
         source='first harmonic of a periodic motion; kinematics alone',
         invisible_when='the run is short against a breath (then it is an offset); a drift of the '
                        'registration of the same period, where neither pad forces are recorded '
-                       'nor pads seen')
+                       'nor pads seen',
+        leaves_open='pauses and breaths that differ; a base that bulges or tilts instead of '
+                    'moving as a whole')
 
     def __post_init__(self):
         if not np.any(self.direction):

@@ -28,7 +28,9 @@ class Compressibility(BodyTerm):
         equation='kappa -> factor kappa',
         source='(3.18): kappa / 2 (J - 1)^2 is the only part of the energy that sees volume',
         invisible_when='the tissue deforms without change of volume: pure shear, or kappa >> mu '
-                       'before and after with room to bulge (effect of order mu / kappa)')
+                       'before and after with room to bulge (effect of order mu / kappa)',
+        leaves_open='where: the bulk modulus may be off in a part of the body; fluid that leaves'
+                    ' with time')
 
     def prepare(self, body):
         """Return `body` with the bulk modulus scaled."""

@@ -33,7 +33,9 @@ class Damping(BodyTerm):
         source='Rayleigh damping, ratio alpha / (2 w) + beta w / 2: Clough & Penzien 1993, '
                'Dynamics of Structures',
         invisible_when='the scene is quasi-static, nothing moves fast enough to ring, or there '
-                       'is no damping to scale; one mode alone sees a sum of the two')
+                       'is no damping to scale; one mode alone sees a sum of the two',
+        leaves_open='the law: losses that do not go with speed, as of friction, or of a pad that'
+                    ' radiates')
 
     def prepare(self, body):
         """Return `body` with its damping scaled."""

@@ -51,7 +51,8 @@ class ExternalForce(BodyTerm):
                'Method, vol. 1; b: biweight kernel (Silverman 1986, Density Estimation, ch. 3)',
         invisible_when='no sample falls into its time; neither a marker within a few '
                        'radii nor pad forces are recorded; in one load case alone it may pass for '
-                       'an inclusion')
+                       'an inclusion',
+        leaves_open='pressure under a flat end, and a force that rises and falls or moves')
 
     def prepare(self, body):
         """Return `body` as it is: the force is a matter of time."""

@@ -33,7 +33,8 @@ class Gravity(BodyTerm):
         source='dead load rho g per reference volume',
         invisible_when='rho |added| L << mu; or nearly incompressible tissue whose free surface '
                        'is a plane normal to it (pressure bears it); in one orientation, tied to '
-                       'the shape and to the modulus')
+                       'the shape and to the modulus',
+        leaves_open='a density that differs from place to place')
 
     def prepare(self, body):
         """Return `body` with gravity changed."""

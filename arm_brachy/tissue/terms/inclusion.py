@@ -46,7 +46,8 @@ class Inclusion(BodyTerm):
                'contrast)); Reuss average in cut elements: Hill 1963, J Mech Phys Solids 11:357',
         invisible_when='the tissue around it is not strained; one push alone does not tell it '
                        'from a load; radius and ratio only through '
-                       'volume x (ratio - 1) / (3 + 2 ratio) when it is small', load_cases=2)
+                       'volume x (ratio - 1) / (3 + 2 ratio) when it is small',
+        leaves_open='the shape of the lump, and an edge that is soft; several lumps', load_cases=2)
 
     def prepare(self, body):
         """Return `body` with the moduli of the elements that the sphere meets scaled."""

@@ -47,7 +47,8 @@ class Obstacle(BodyTerm):
                  'b(|X - c| / R))',
         source='unilateral contact: Kikuchi & Oden 1988, Contact Problems in Elasticity; penalty '
                'regularisation: Wriggers 2006, Computational Contact Mechanics',
-        invisible_when='no load moves the surface at the place by as much as the gap')
+        invisible_when='no load moves the surface at the place by as much as the gap',
+        leaves_open='a wall that is curved or gives way, and friction on it')
 
     def prepare(self, body):
         """Return `body` with the wall beside it.

@@ -59,7 +59,9 @@ class PadMisplacement(BodyTerm):
         source='geometry alone; the sliding mesh: arbitrary Lagrangian-Eulerian description, '
                'Donea et al. 2004, Encyclopedia of Computational Mechanics, vol. 1, ch. 14',
         invisible_when='the pad is not pushed; along a direction in which tissue and supports '
-                       'are uniform; a tilt alone, where that pad is pressed by little')
+                       'are uniform; a tilt alone, where that pad is pressed by little',
+        leaves_open='how the mount bends under load; several pads that are beside their places '
+                    'together, as on a bent frame')
 
     def prepare(self, body):
         """Return `body` with its pads where they are.

@@ -40,7 +40,8 @@ class PadSlip(BodyTerm):
                'Wriggers 2006, Computational Contact Mechanics, sec. 5.2',
         invisible_when='mu itself while nothing slips: the recordings then only say that mu is '
                        'above the largest |t| / p; that a pad is not bonded shows as soon as it '
-                       'leaves the tissue')
+                       'leaves the tissue',
+        leaves_open='friction that differs at rest and in motion, or wears off; adhesion')
 
     def prepare(self, body):
         """Return `body` with pads that touch.

@@ -38,7 +38,8 @@ class PointMass(BodyTerm):
         equation='M_aa -> M_aa + m N_a(X_c), f_a -> f_a + m N_a(X_c) g',
         source='lumped mass and dead load: Clough & Penzien 1993, Dynamics of Structures, ch. 10',
         invisible_when='the scene has no gravity and is quasi-static: neither weight nor inertia '
-                       'acts; or it hangs where the body is held')
+                       'acts; or it hangs where the body is held',
+        leaves_open='the size of the weight, and inertia of rotation')
 
     def prepare(self, body):
         """Return `body` carrying the mass.

@@ -59,7 +59,9 @@ class ReferenceShape(BodyTerm):
         source='smooth modes of the shape; b: biweight kernel (Silverman 1986, Density '
                'Estimation, ch. 3)',
         invisible_when='a uniform error of size with an optical scale error, and shape with sag '
-                       'in one orientation; a bump away from all markers and pads')
+                       'in one orientation; a bump away from all markers and pads',
+        leaves_open='further modes of the shape: a barrel, a plateau instead of a rounded bump, '
+                    'several bumps')
 
     def prepare(self, body):
         """Return `body` with its true shape.

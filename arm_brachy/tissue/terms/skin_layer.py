@@ -48,7 +48,9 @@ class SkinLayer(BodyTerm):
                'Woinowsky-Krieger 1959, Theory of Plates and Shells; Voigt average in elements '
                'that the layer cuts: Hill 1963, J Mech Phys Solids 11:357',
         invisible_when='the surface is neither stretched nor bent; ratio and thickness only '
-                       'through (ratio - 1) x thickness where the layer is thin')
+                       'through (ratio - 1) x thickness where the layer is thin',
+        leaves_open='a thickness that differs from place to place; skin that is stretched at '
+                    'rest')
 
     def prepare(self, body):
         """Return `body` with a stiffer surface layer.

@@ -32,7 +32,9 @@ class StiffnessDrift(BodyTerm):
                  '1 - s where s < 0;  s = rate max(t - onset, 0)',
         source='first order of any drift; equilibrium div P = 0 is homogeneous in the modulus',
         invisible_when='only positions are recorded, pads are displacement-driven and no dead '
-                       'load, spring support or inertia acts')
+                       'load, spring support or inertia acts',
+        leaves_open='the course: a drift may set in slowly or level off; a part of the body '
+                    'alone')
 
     def prepare(self, body):
         """Return `body` as it is: the scene's moduli are those before the onset."""

@@ -32,7 +32,9 @@ class StiffnessGradient(BodyTerm):
                  'centroids of element and body',
         source='first order of any smooth logarithm of the modulus',
         invisible_when='only positions are recorded and the strain is uniform along the gradient '
-                       '(parallel bar); with one pad it looks like a gain of its force sensor')
+                       '(parallel bar); with one pad it looks like a gain of its force sensor',
+        leaves_open='the profile: two layers with an edge between them, or a modulus instead of '
+                    'a logarithm that is linear')
 
     def prepare(self, body):
         """Return `body` with graded moduli."""

@@ -29,7 +29,9 @@ class StiffnessScale(BodyTerm):
         equation='mu -> factor mu;  kappa, c, k likewise',
         source='equilibrium div P = 0 is homogeneous of degree one in the moduli',
         invisible_when='only positions are recorded, pads are displacement-driven and no dead '
-                       'load, spring support or inertia acts')
+                       'load, spring support or inertia acts',
+        leaves_open='whether the bulk modulus is off as well; a factor that differs from place '
+                    'to place')
 
     def prepare(self, body):
         """Return `body` with all moduli scaled."""

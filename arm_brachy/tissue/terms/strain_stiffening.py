@@ -31,7 +31,9 @@ class StrainStiffening(BodyTerm):
         equation='Psi -> Psi + c (Ib - 3)^2;  c = ratio mu, Ib = J^(-2/3) tr(F^T F)',
         source='Yeoh 1993, Rubber Chem Technol 66:754 (its second term)',
         invisible_when='strains stay below some 5 %: the effect on stress is of third order in '
-                       'strain')
+                       'strain',
+        leaves_open='the course: exponential laws grow faster at large strain, others begin '
+                    'later')
 
     def prepare(self, body):
         """Return `body` with a stiffening law; added to what stiffening it has."""

@@ -47,7 +47,9 @@ class StressSoftening(BodyTerm):
                'Holzapfel 2000, Nonlinear Solid Mechanics, ch. 6',
         invisible_when='the tissue has been strained further before the recording, or is loaded '
                        'only once and monotonously (then a softer law); hardly in positions where '
-                       'it softens uniformly')
+                       'it softens uniformly',
+        leaves_open='the course of the damage with energy, and a threshold; recovery at rest; a '
+                    'set that stays')
 
     def prepare(self, body):
         """Return `body` as it is: its moduli are those of tissue never strained."""

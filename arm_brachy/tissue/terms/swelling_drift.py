@@ -36,7 +36,8 @@ class SwellingDrift(BodyTerm):
         source='multiplicative growth F = F_e s I: Rodriguez, Hoger & McCulloch 1994, J Biomech '
                '27:455',
         invisible_when='the run is short against 0.1 mm / (rate x height); a scale of the '
-                       'optical tracker that drifts moves markers alike')
+                       'optical tracker that drifts moves markers alike',
+        leaves_open='the course over time; a shell that dries before the inside does')
 
     def prepare(self, body):
         """Return `body` as it is: the scene's shape is that before the onset."""

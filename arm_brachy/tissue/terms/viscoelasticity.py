@@ -67,7 +67,9 @@ class Viscoelasticity(BodyTerm):
                'Kaliske & Rothert 1997, Comput Mech 19:228 (recursion); Holzapfel & Gasser 2001, '
                'CMAME 190:4379 (fibres)',
         invisible_when='only positions are recorded, the tissue is homogeneous and nearly '
-                       'incompressible and only moved by bonded pads, never released')
+                       'incompressible and only moved by bonded pads, never released',
+        leaves_open='the number of relaxation times and their spread; a relaxation that depends '
+                    'on strain')
 
     def __post_init__(self):
         if self.g1 + self.g2 >= 1.0:
