@@ -33,12 +33,10 @@ from arm_brachy.diagnosis.selection.detectability import limits_of
 from arm_brachy.diagnosis.selection.problem import left_over
 from arm_brachy.diagnosis.selection.revision import judged
 from arm_brachy.diagnosis.signals.validation import refuse_twice
-from arm_brachy.diagnosis.stages import CARRIERS, Known, notes_of, recordings_of, screen
+from arm_brachy.diagnosis.stages import Known, notes_of, recordings_of, screen
 
 MORE = ('More is left than better meshes of this size would change: solve on a finer one before '
         'physics is asked for.')
-DECIDES = ('The cause would look the same in another channel, with another size and another '
-           'modulus: a known weight, a known modulus or a push with one more pad decides which.')
 BESIDE_NULLS = ('What the null recordings show the mesh to be wrong by is taken off the errors '
                 'held out, not off those as given: a corrected scene still has it.')
 
@@ -142,8 +140,6 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
     notes = [*([] if blur is not None else [BESIDE_NULLS]), *left_out, *cut_rims(specimen),
              *judgement.notes, *notes_of(looked), *said_of_faint(found),
              *(note for one in fitted for note in one.notes)]
-    elsewhere = _elsewhere(assembly, decision, scene)
-    notes += [DECIDES] if elsewhere else []
     causes, where, when = with_findings(found, scene, causes, where, when, decision)
     left = left_over(assembly, explanations)
     causes += [] if fault is None else [fault.cause()]
@@ -180,7 +176,7 @@ def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur
         nearest=None if verdict != 'unexplained' else conclusions.nearest_of(
             assembly, decision, judgement.fits, ratio, tests),
         findings=tuple(f for one in looked for f in one.structure.findings), notes=tuple(notes),
-        limits=limits_of(assembly), elsewhere=elsewhere)
+        limits=limits_of(assembly))
     return Answer(diagnosis, Shown(body_of(scene, specimen.mesh),
                                    traces(assembly, explanations),
                                    partials(assembly, explanations),
@@ -215,34 +211,6 @@ def _verdict(verdict, causes, fault, nameless):
     if causes:
         return 'named'
     return 'unexplained' if nameless else verdict
-
-
-def _elsewhere(assembly, decision, scene):
-    """What was accepted in other channels, where it would look the same: 'force gain in pad east'.
-
-    Places in the body are no such: an interval says how well they are known.
-    """
-    if not decision.elsewhere:
-        return ()
-
-    def carriers(explanation):
-        place = assembly.hypothesis_of(explanation)[0].place
-        return {key: place[key] for key in CARRIERS if key in place}
-
-    accepted, = decision.accepted.explanations
-    mine, cause = carriers(accepted), spoken(accepted.cause)
-    others = [carriers(one) for one in decision.elsewhere]
-    return tuple(dict.fromkeys(f'{cause} in {_channel(one, scene)}'
-                               for one in others if one and one != mine))
-
-
-def _channel(carriers, scene):
-    """What carries an effect, in words: 'pad east', 'marker m1'."""
-    (key, value), *_ = carriers.items()
-    names = (value if isinstance(value, tuple) else (value,)) or ('all',)
-    if key in ('actuators', 'pad'):
-        names = [scene.pads[i].name if isinstance(i, int) else i for i in names]
-    return f'{key.removesuffix("s")} {" and ".join(map(str, names))}'
 
 
 def _would_do(candidate):

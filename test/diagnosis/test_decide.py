@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm_brachy.diagnosis import pipeline
 from arm_brachy.diagnosis.estimation.laplace import Gain
+from arm_brachy.diagnosis.report.conclusions import probabilities
 from arm_brachy.diagnosis.selection.judge import Decision, Explanation, Judge, Problem
 from arm_brachy.diagnosis.statistics.misfit_scan import Scan
 
@@ -63,36 +63,39 @@ def test_the_planted_cause_is_named_with_its_size(world):
     assert fitted == pytest.approx(1.2, abs=4.0 * sd)
 
 
-def test_a_channel_that_these_data_do_not_tell_from_the_one_that_is_named_is_said(world):
+def test_a_cause_in_two_channels_that_are_not_told_apart_comes_as_a_class(world):
     """A gain of one of two sensors is the inverse gain of the other beside another modulus."""
     east, west, north = world.responses[:3]
-    gains = [Explanation('gain', name, 3.0 * one[:, None])
+    gains = [Explanation('gain', name, 3.0 * one[:, None], channel=(('pads', (name,)),))
              for name, one in (('east', east), ('west', west), ('north', north))]
     world.nuisance = np.column_stack([world.nuisance, 50.0 * (east + west)])
     decision = world.decide(1.2 * east, *gains, cause=lambda i: i > 2)
-    assert decision.verdict == 'named' and decision.accepted.causes == ('gain',)
-    mine, = decision.accepted.explanations
-    other, = decision.elsewhere
-    assert {mine.variant, other.variant} == {'east', 'west'}
-    alone = World(0)        # without another modulus they are told apart
-    assert alone.decide(1.2 * east, *gains, cause=lambda i: i > 2).elsewhere == ()
+    assert decision.verdict == 'equivalent' and decision.accepted.causes == ('gain',)
+    other, = decision.equals
+    assert {decision.accepted.explanations[0].variant,
+            other.explanations[0].variant} == {'east', 'west'}
+    shares, (rival,) = probabilities(decision)
+    assert 0.2 < rival / shares < 5.0
+    alone = World(0).decide(1.2 * east, *gains, cause=lambda i: i > 2)
+    assert alone.verdict == 'named'         # without another modulus they are told apart
 
 
-@pytest.mark.parametrize(('mine', 'others', 'said'), [
-    ({'pads': ('west',)}, [{'pads': ('east',)}, {'pads': ('west',), 'onset': 3.0}],
-     ('backlash in pad east',)),
-    ({'actuators': (1,)}, [{'actuators': (0,)}, {'actuators': ()}],
-     ('backlash in actuator east', 'backlash in actuator all')),
-    ({'marker': 'm1'}, [{'marker': 'm2', 'onset': 1.0}, {'marker': 'm2', 'onset': 2.0}],
-     ('backlash in marker m2',)),
-    ({'centre': (0.0, 0.0, 0.0)}, [{'centre': (1.0, 0.0, 0.0)}], ())])
-def test_channels_are_said_by_name_and_places_are_not(mine, others, said):
-    ways = [SimpleNamespace(cause='backlash', place=place) for place in (mine, *others)]
-    assembly = SimpleNamespace(hypothesis_of=lambda one: (one, None))
-    decision = SimpleNamespace(accepted=SimpleNamespace(explanations=tuple(ways[:1])),
-                               elsewhere=tuple(ways[1:]))
-    scene = SimpleNamespace(pads=[SimpleNamespace(name=n) for n in ('east', 'west')])
-    assert pipeline._elsewhere(assembly, decision, scene) == said
+def test_two_places_in_the_body_are_no_class(world):
+    """Of a place an interval says how well it is known."""
+    here, there = (Explanation('lump', name, 3.0 * world.responses[0][:, None] * by)
+                   for name, by in (('here', 1.0), ('there', 1.1)))
+    decision = world.decide(1.2 * world.responses[0], here, there, cause=lambda i: i > 0)
+    assert decision.verdict == 'named' and decision.accepted.causes == ('lump',)
+
+
+def test_a_channel_in_which_it_would_have_to_be_less_than_nothing_is_no_rival(world):
+    """Nothing is lost twice: of two pads the one that would have to gain play is out."""
+    ways = [Explanation('play', name, sign * 3.0 * world.responses[0][:, None], one_sided=(True,),
+                        channel=(('actuators', (i,)),))
+            for i, (name, sign) in enumerate((('east', 1.0), ('west', -1.0)))]
+    decision = world.decide(1.2 * world.responses[0], *ways, cause=lambda i: i > 0)
+    assert decision.verdict == 'named'
+    assert decision.accepted.explanations[0].variant == 'east'
 
 
 def test_two_causes_are_both_named(world):

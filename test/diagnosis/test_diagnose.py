@@ -19,6 +19,7 @@ from arm_brachy.diagnosis.model.forward import ForwardModel
 from arm_brachy.diagnosis.model.specimen import attach, specimen_of
 from arm_brachy.diagnosis.pipeline import diagnose
 from arm_brachy.diagnosis.progress import FITS, STEPS
+from arm_brachy.diagnosis.report import sentences
 from arm_brachy.diagnosis.report.answer import Provenance
 from arm_brachy.diagnosis.report.corrected_scenario import base_scenario, write_corrected
 from arm_brachy.diagnosis.report.page import write_diagnosis
@@ -54,9 +55,9 @@ FEW = (PUSHES[0], PUSHES[1], PUSHES[4])     # enough to tell stiffening: two dep
 
 def path_of(legs_mm):
     """Path at 20 Hz that goes each leg and back, stands between."""
-    legs, q, t = [], np.zeros(4), 2.0
+    legs, q, t = [], np.zeros(len(legs_mm[0][0])), 2.0
     for targets, speed in legs_mm:
-        for goal in (1e-3 * np.array(targets, dtype=float), np.zeros(4)):
+        for goal in (1e-3 * np.array(targets, dtype=float), 0.0 * q):
             way = np.abs(goal - q).max() / (1e-3 * speed)
             legs += [(t, q), (t + way, goal)]
             t, q = t + way + 1.0, goal
@@ -98,6 +99,29 @@ def seen(name, specimen, path, shown, seed):
         streams[kind] = Stream(kind, path.t, names[kind], values,
                                np.ones(values.shape[:2], dtype=bool), bodies[kind], rest[kind])
     return Evidence(name, specimen.scene, pad_directions(specimen.scene), streams)
+
+
+@pytest.mark.validate
+def test_a_gain_of_one_of_two_sensors_comes_with_that_of_the_other(scene):
+    """It is the inverse gain of the other beside another modulus; a weight would tell."""
+    two = replace(scene, pads=scene.pads[:2], markers=tuple(
+        m for m in scene.markers if m.body not in ('pad_3', 'pad_4')))
+    specimen = specimen_of(two)
+    path = path_of([(goal[:2], speed) for goal, speed in PUSHES if not any(goal[2:])])
+    shown = ForwardModel(specimen, parse_terms(
+        [{'name': 'force_gain', 'gain': 0.3, 'pads': ['pad_1']}], 'test')).predict(path, path.t)
+    d = diagnose((seen('two pads', specimen, path, shown.get, 1),), source(),
+                 meshes=MESHES).diagnosis
+    assert d.verdict == 'equivalent'
+    told = {cause.applies_to['pads']: cause for cause in d.causes}
+    assert {cause.term for cause in d.causes} == {'force_gain'}
+    ratios = [1.0 + told[pad,].parameters['gain'].value for pad in ('pad_1', 'pad_2')]
+    assert np.prod(ratios) == pytest.approx(1.0, abs=0.05)
+    # 0.3 is four times the typical size: the prior draws the gain to less, another modulus beside.
+    assert ratios[0] == pytest.approx(1.3, abs=0.08)
+    assert 0.05 < told['pad_1',].probability < 0.95
+    assert d.next_experiment.instruction == 'Hang a known weight on the force sensors.'
+    assert sentences.verdict(d).count('measured forces are scaled') == 1
 
 
 def source():

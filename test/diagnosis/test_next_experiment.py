@@ -228,6 +228,8 @@ def test_advice_speaks_of_known_terms():
     assert advice([('viscoelasticity', 'stiffness_drift')]).count('only positions') == 2
     assert 'same recording again' in advice([('external_force', 'inclusion')])
     assert 'second orientation' in advice([('gravity + backlash', 'reference_shape')])
+    assert advice([('force_gain', 'force_gain')]) == 'Hang a known weight on the force sensors.'
+    assert 'backlash here and backlash there' in advice([('backlash', 'backlash')])
 
 
 def test_nuisances_that_are_not_those_at_hand_are_refused(specimen, one_push):

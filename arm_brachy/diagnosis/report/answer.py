@@ -58,7 +58,6 @@ class Diagnosis:
     apart : separation of what is named from the nearest rival [sd];  None = no rival
     nearest : parts.Nearest, of a verdict 'unexplained' if anything stands out; else None
     findings : finding.Finding, what needs no tissue model;  notes : sentences
-    elsewhere : the one cause in other channels, where it would look the same: words
     unfinished : parts.Unfinished of a verdict 'partial', else None
     screen : parts.Screened, best first, of a verdict 'partial'
     Raises InputError if verdict and causes contradict each other.
@@ -85,7 +84,6 @@ class Diagnosis:
     limits: tuple = ()
     unfinished: object = None
     screen: tuple = ()
-    elsewhere: tuple = ()
 
     def __post_init__(self):
         if self.verdict not in VERDICTS:
@@ -166,7 +164,6 @@ def _body(d):
         'held_out_score': d.held_out,
         'chance_of_what_is_left': d.chance,
         'separation_sd': d.apart,
-        'elsewhere': list(d.elsewhere),
         'nearest': None if d.nearest is None else _nearest(d),
         'findings': [_finding(one) for one in d.findings],
         'notes': list(d.notes),

@@ -40,8 +40,6 @@ def _named(d):
     found = '; '.join(_cause_at(d, cause) for cause in d.causes)
     if not any(cause.physical for cause in d.causes):
         return f'The mesh is at fault, not the physics: {found}.'
-    if d.elsewhere:
-        found += f', or {" or ".join(d.elsewhere)}: these recordings cannot tell which'
     return f'{MISSING}: {found}.'
 
 
@@ -65,9 +63,14 @@ def _equivalent(d):
     sure = options.pop(0, ())
     places = {_at(d, cause) for causes in options.values() for cause in causes}
     shared = places.pop() if len(places) == 1 else None
-    speak = title if shared is not None else lambda cause: f'{title(cause)}{_at(d, cause)}'
-    either = ' or '.join(' with '.join(speak(cause) for cause in causes)
-                         for causes in options.values())
+    named = set()
+
+    def speak(cause):
+        what = spoken(cause.term) if cause.term in named else title(cause)
+        named.add(cause.term)
+        return what if shared is not None else f'{what}{_at(d, cause)}'
+
+    either = ' or '.join(' with '.join(map(speak, causes)) for causes in options.values())
     line = f'{MISSING}: either {either}{shared or ""}; these recordings cannot tell which'
     if sure:
         line += f'. In any case {listed([_cause_at(d, cause) for cause in sure])}'

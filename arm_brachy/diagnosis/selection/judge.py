@@ -37,6 +37,7 @@ class Explanation:
     log_prior : of the cause before the data, natural logarithm
     load_cases : different pushes that it takes to tell it from a load
     one_sided : per parameter True if it cannot be negative; () = all can
+    channel : what carries it, as pad, sensor or marker, hashable; () = a place in the body, if any
     """
 
     cause: str
@@ -45,6 +46,7 @@ class Explanation:
     log_prior: float = 0.0
     load_cases: int = 1
     one_sided: tuple = ()
+    channel: tuple = ()
 
     @property
     def limited(self):
@@ -107,12 +109,11 @@ class Decision:
     """The verdict and what speaks for it.
 
     accepted : Candidate that is named or heads the class; None if none is
-    equals : Candidates that these data cannot tell from it
+    equals : Candidates that these data cannot tell from it, the same cause in other channels first
     ranked : all single causes, best first
     left : misfit_scan.Scan with the accepted cause, or without any;  before : Scan without any
     unproven : Candidate that explains all, as a load does that is none of the causes
     nearest : Candidate that stands out where nothing explains all; None if none does
-    elsewhere : Explanations of the same single cause that these data cannot tell from it
     """
 
     verdict: VERDICTS
@@ -123,7 +124,6 @@ class Decision:
     before: object
     unproven: Candidate | None = None
     nearest: Candidate | None = None
-    elsewhere: tuple = ()
 
     @property
     def shape(self):
@@ -237,11 +237,11 @@ class Judge:
             tried, left = self._certain_pair(tried, ranked) or (tried, left)
         if tried is None or left.chance < self.rules.alarm:
             return Decision('unexplained', None, (), ranked, left, before, nearest=tried)
-        equals = self._equals(tried, [one for one in ranked if one.causes not in refuted])
+        equals = (*self._in_other_channels(tried), *self._equals(
+            tried, [one for one in ranked if one.causes not in refuted]))
         if not equals and self._may_be_load(tried):
             return Decision('unexplained', None, (), ranked, left, before, tried)
-        return Decision('equivalent' if equals else 'named', tried, equals, ranked, left, before,
-                        elsewhere=self._elsewhere(tried))
+        return Decision('equivalent' if equals else 'named', tried, equals, ranked, left, before)
 
     def outstanding(self):
         """(Explanations, misfit_scan.Scan of what they leave): of the single cause that is far
@@ -536,17 +536,29 @@ class Judge:
                     out.append(replace(rival, separation=apart))
         return tuple(out)
 
-    def _elsewhere(self, accepted):
-        """Explanations of its cause by other variants that are not told from a single Candidate.
+    def _in_other_channels(self, accepted):
+        """Candidates of its cause in other channels that are not told from a single Candidate.
 
-        As of two sensors, whose gains are each other's inverse beside another modulus.
+        As of two sensors, whose gains are each other's inverse beside another modulus. Of a place
+        in the body an interval says how well it is known.
         """
-        if len(accepted.explanations) > 1:
+        if len(accepted.explanations) > 1 or not accepted.explanations[0].channel:
             return ()
         mine, = accepted.explanations
-        return tuple(e for e in self._variants[mine.cause] if e.variant != mine.variant
-                     and self._apart(accepted, replace(accepted, explanations=(e,)))
-                     < self.rules.apart)
+        best, out = {}, []
+        for e in self._variants[mine.cause]:
+            one = self._candidate((e,), accepted.paid)
+            if e.channel not in ((), mine.channel) and (
+                    e.channel not in best or one.evidence > best[e.channel].evidence):
+                best[e.channel] = one
+        for one in best.values():
+            apart = self._apart(accepted, one)
+            if apart < self.rules.apart and self._all.sign(
+                    self._of(one.explanations)) >= -self.rules.rival:
+                rival = self._weighed(one) if accepted.weighed else one
+                if not self._fits_better(accepted, rival) and not self._gone(rival):
+                    out.append(replace(rival, separation=apart))
+        return tuple(out)
 
     def _fits_better(self, accepted, rival):
         """True if full fits tell them apart: what is accepted shows beside the rival's errors."""

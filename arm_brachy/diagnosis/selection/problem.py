@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 from arm_brachy.diagnosis.likelihood.discretisation import NAMES
 from arm_brachy.diagnosis.likelihood.nuisances import MODULUS
 from arm_brachy.diagnosis.likelihood.null_calibration import set_up_of
+from arm_brachy.diagnosis.selection.candidates import CARRIERS
 from arm_brachy.diagnosis.selection.judge import Explanation, Problem
 from arm_brachy.diagnosis.selection.misfit_tests import in_directions, structured_tests
 from arm_brachy.diagnosis.statistics.linear_gaussian import posterior
@@ -68,7 +69,8 @@ def assemble(matched, tried, sound=0):
                for responses in tried.responses)
     explanations = tuple(Explanation(one.name, label(one), part,
                                      load_cases=one.cls.spec.load_cases,
-                                     one_sided=tuple(s.one_sided for s in one.strengths))
+                                     one_sided=tuple(s.one_sided for s in one.strengths),
+                                     channel=channel(one))
                          for one, part in zip(tried.hypotheses, columns, strict=True))
     problem = Problem(np.concatenate([m.r for m in matched]), U,
                       np.concatenate([m.kinds for m in matched]), tests, explanations,
@@ -92,6 +94,11 @@ def load_cases(matched, sound=0):
     rows = [of_state[first:][m.observables.states]
             for first, m in zip(ends[:-1], suspects, strict=True)]
     return np.concatenate([*rows, *(np.full(len(m.r), -1) for m in matched[len(suspects):])])
+
+
+def channel(hypothesis):
+    """What carries an effect, (key, value) pairs; () if nothing does but a place or the body."""
+    return tuple((key, hypothesis.place[key]) for key in CARRIERS if key in hypothesis.place)
 
 
 def label(hypothesis):
