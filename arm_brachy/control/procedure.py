@@ -64,9 +64,8 @@ _ASIDE = 0.05e-3    # m by which the told offset of the path has to change: the 
 _MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
 _OUT = 1.5e-3       # m of told depth below which the needle is out
 _SLOWING = 6        # steps in which the needle comes to its speed before the target
-# Steps in which the pads let the needle drag the target along. Not while it goes on to the target,
-# which the images find by planes of different times: meanwhile it has to stay.
-_DRAGGED = (Phase.PLACING, Phase.APPROACHING, Phase.MEETING)
+# Steps in which the pads let the needle drag the target along.
+_DRAGGED = (Phase.PLACING, Phase.APPROACHING, Phase.MEETING, Phase.INSERTING)
 _DRIVEN = (Phase.PLACING, Phase.MEETING, Phase.INSERTING)   # steps in which the needle goes in
 
 

@@ -32,6 +32,7 @@ from arm_brachy.experiments import (
     panda_torques,
     reduced_model,
     silicone_beam,
+    single_faults,
     table_3_1,
     table_4_1,
 )
@@ -44,7 +45,7 @@ EXPERIMENTS = {module.NAME: module.reproduce
                              element_accuracy, reduced_model, diagnosis_study, diagnosis_time,
                              diagnosis_laboratories, dome_faults, gel_block, half_cylinder,
                              node_errors, panda_torques, table_4_1, estimate_feedback,
-                             import_fuzz, false_alarms, appendix_a,
+                             import_fuzz, false_alarms, single_faults, appendix_a,
                              figure_4_5, figure_4_6, figure_4_7,
                              figure_5_7, figure_5_8, figure_5_9, figure_5_11, figure_5_12,
                              liver, needle_force, fit_estimators,

@@ -74,7 +74,7 @@ def drawn(number, tissue=None):
     name = tissue or (IDEAL, LASTING)[number % 2]
     scene = make_scene(MARKERS)
     path = pushes(rng, LONG_S if rng.random() < LONG else SHORT_S)
-    sensors = {kind: _sensor(rng, kind) for kind in SIZES}
+    sensors = {kind: sensor(rng, kind) for kind in SIZES}
     if rng.random() < MISLED:
         sensors['em'] = SLOW_EM
     body = Ideal() if name == IDEAL else Lasting.drawn(
@@ -83,7 +83,8 @@ def drawn(number, tissue=None):
                 name, path)
 
 
-def _sensor(rng, kind):
+def sensor(rng, kind):
+    """A formula_recordings.Sensor of a kind of SIZES, drawn."""
     rate, noise, memory = (float(np.exp(rng.uniform(*np.log(ends))))
                            for ends in (RATES[kind], SIZES[kind], MEMORIES))
     return Sensor(rate, noise, float(rng.choice(SHARES)), memory, float(rng.choice(DROPOUTS)))

@@ -170,11 +170,12 @@ class Lasting:
         return elastic - self.relaxing * slow
 
 
-def record(rng, scene, tissue, path, sensors):
+def record(rng, scene, tissue, path, sensors, counted=None):
     """RunData of pads that go along a path, `with_scene`; every field that is truth is empty.
 
     scene : of `make_scene`;  path : (t (m,) [s], q (m, p) [m]) of `pushes`
     sensors : 'optical', 'em', 'force', 'encoder' -> Sensor
+    counted : (m, p) [m] what the encoders count, None = where the pads are
     """
     (t, q), directions = path, pad_directions(scene)
     points = _points(scene, tissue, q, directions)
@@ -189,7 +190,8 @@ def record(rng, scene, tissue, path, sensors):
         em[tool] = EmSamples(at, place[:, 0], np.zeros(len(at)),
                              np.where(seen[:, 0], 0, LOST))
     at, _, push = _sensed(rng, t, force, replace(sensors['force'], dropout=0.0))
-    when, _, travel = _sensed(rng, t, q[:, :, None], sensors['encoder'])
+    when, _, travel = _sensed(rng, t, (q if counted is None else counted)[:, :, None],
+                              sensors['encoder'])
     run = RunData('formulas', '', 0, '', '', em=em, optical=frames, force=Series(at, push),
                   encoder=Series(when, COUNT * np.round(travel[:, :, 0] / COUNT)),
                   encoder_pads=pads, force_pads=pads)
