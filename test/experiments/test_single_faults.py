@@ -83,7 +83,8 @@ def test_what_is_pressed_is_no_slip():
 
 
 def test_a_lag_of_all_pads_may_be_their_clocks():
-    findings = [one for one in structure(drawn(FAULTS[BY['lag']], 0)).findings if told(one)]
+    """Also where one stream shows it and the others are too faint to say whether they are late."""
+    findings = [one for one in structure(drawn(FAULTS[BY['lag']], 1)).findings if told(one)]
     assert findings and all(kind(one) == BEHIND for one in findings)
 
 

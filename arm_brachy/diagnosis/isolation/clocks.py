@@ -16,10 +16,9 @@ LIMIT = threshold(3)    # standard deviations from which one of three clocks is 
 def clocks_of(prepared, pads, travel):
     """kind -> Lateness of every stream that follows the pads.
 
-    Markers on pads are rigid and decide over the optical clock; without them tissue does. What is
-    no fault is drawn towards zero by what calibration leaves: states are taken by these clocks.
+    Markers on pads are rigid and decide over the optical clock; without them tissue does.
     """
-    found, slack = {}, prepared.calibration.clock
+    found = {}
     shown = {one.pad for one in pads}
     lost = tuple(i for i, pad in enumerate(prepared.evidence.pads) if pad not in shown)
     for kind, bodies in ((OPTICAL, prepared.evidence.pads), (OPTICAL, (TISSUE,)),
@@ -29,12 +28,19 @@ def clocks_of(prepared, pads, travel):
             one = lateness(stream, travel, prepared.motion.touch, noise,
                            memory=not (kind == OPTICAL and pads), lost=lost)
             if one is not None:
-                found[kind] = _believed(one, slack)
+                found[kind] = one
     return found
 
 
+def believed(clocks, slack):
+    """kind -> Lateness by which states are taken, of those that were found.
+
+    What is no fault is drawn towards zero by the slack [s] that calibration leaves a clock.
+    """
+    return {kind: _believed(one, slack) for kind, one in clocks.items()}
+
+
 def _believed(one, slack):
-    """A Lateness, unless it is a fault its posterior given a clock right to slack [s]."""
     if sigma(one.value, one.sd, slack) > LIMIT:
         return one
     trust = slack**2 / (slack**2 + one.sd**2)

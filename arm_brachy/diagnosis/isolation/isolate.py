@@ -11,7 +11,7 @@ import numpy as np
 
 from arm_brachy.diagnosis.isolation.actuators import actuator_findings, played
 from arm_brachy.diagnosis.isolation.base_motion import base_findings
-from arm_brachy.diagnosis.isolation.clocks import clock_findings, clocks_of
+from arm_brachy.diagnosis.isolation.clocks import believed, clock_findings, clocks_of
 from arm_brachy.diagnosis.isolation.consequences import share_followed
 from arm_brachy.diagnosis.isolation.dropouts import gap_findings
 from arm_brachy.diagnosis.isolation.events import event_findings, events_of, takes_over
@@ -76,6 +76,7 @@ def structure_of(prepared):
         travel = played(prepared, pads)
         clocks = clocks_of(prepared, pads, travel)
         found += clock_findings(prepared, clocks)
+        clocks = believed(clocks, prepared.calibration.clock)
         found += actuator_findings(prepared, pads)
         late = {kind: one.value for kind, one in clocks.items()}
         every = (*at_pads, *jumps(prepared, travel, late, alarm=ALARM / tests))

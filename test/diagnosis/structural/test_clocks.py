@@ -189,7 +189,8 @@ def test_a_clock_that_is_not_known_is_taken_for_right(prepared, monkeypatch, sd,
     unsure = Lateness(-0.065, sd, ('tissue_00',))
     monkeypatch.setattr(clock_findings, 'lateness', lambda *args, **named: unsure)
     clocks = clock_findings.clocks_of(prepared, (), prepared.travel)
-    assert clocks[EM].value == pytest.approx(-0.065 * kept)
+    right = clock_findings.believed(clocks, prepared.calibration.clock)
+    assert right[EM].value == pytest.approx(-0.065 * kept)
     found = clock_findings.clock_findings(prepared, clocks)
     assert {one.stream for one in found} == (set(clocks) if kept == 1.0 else set())
 
@@ -201,6 +202,7 @@ CLOCKS = {OPTICAL: (10.8, 0.2), FORCE: (9.7, 1.0)}     # ms
     (CLOCKS, {'actuator_lag'}, {'clock_offset'}),
     (CLOCKS | {EM: (2.0, 9.0)}, {'actuator_lag'}, {'clock_offset'}),
     (CLOCKS | {FORCE: (9.7, 4.0)}, {'clock_offset'}, {'actuator_lag'}),
+    (CLOCKS | {FORCE: (5.0, 20.0)}, {'clock_offset'}, {'actuator_lag'}),
     (CLOCKS | {FORCE: (0.3, 1.0)}, {'clock_offset'}, set()),
     ({OPTICAL: (10.8, 0.2)}, {'clock_offset'}, set()),
     ({OPTICAL: (-10.8, 0.2), FORCE: (-9.7, 1.0)}, {'clock_offset'}, {'viscoelasticity'})])
