@@ -28,12 +28,13 @@ from arm_brachy.diagnosis.report.misfit_film import misfit_states
 from arm_brachy.diagnosis.report.page import Shown
 from arm_brachy.diagnosis.report.partial_residuals import partials
 from arm_brachy.diagnosis.report.traces import traces
+from arm_brachy.diagnosis.results.channels import CARRIERS, channel
 from arm_brachy.diagnosis.results.formatting import listed, spoken
 from arm_brachy.diagnosis.selection.detectability import limits_of
 from arm_brachy.diagnosis.selection.problem import left_over
 from arm_brachy.diagnosis.selection.revision import judged
 from arm_brachy.diagnosis.signals.validation import refuse_twice
-from arm_brachy.diagnosis.stages import CARRIERS, Known, notes_of, recordings_of, screen
+from arm_brachy.diagnosis.stages import Known, notes_of, recordings_of, screen
 
 MORE = ('More is left than better meshes of this size would change: solve on a finer one before '
         'physics is asked for.')
@@ -232,17 +233,9 @@ def _elsewhere(assembly, decision, scene):
     accepted, = decision.accepted.explanations
     mine, cause = carriers(accepted), spoken(accepted.cause)
     others = [carriers(one) for one in decision.elsewhere]
-    return tuple(dict.fromkeys(f'{cause} in {_channel(one, scene)}'
+    pads = [pad.name for pad in scene.pads]
+    return tuple(dict.fromkeys(f'{cause} in {channel(*next(iter(one.items())), pads)}'
                                for one in others if one and one != mine))
-
-
-def _channel(carriers, scene):
-    """What carries an effect, in words: 'pad east', 'marker m1'."""
-    (key, value), *_ = carriers.items()
-    names = (value if isinstance(value, tuple) else (value,)) or ('all',)
-    if key in ('actuators', 'pad'):
-        names = [scene.pads[i].name if isinstance(i, int) else i for i in names]
-    return f'{key.removesuffix("s")} {" and ".join(map(str, names))}'
 
 
 def _would_do(candidate):

@@ -82,7 +82,8 @@ def test_a_channel_that_these_data_do_not_tell_from_the_one_that_is_named_is_sai
     ({'pads': ('west',)}, [{'pads': ('east',)}, {'pads': ('west',), 'onset': 3.0}],
      ('backlash in pad east',)),
     ({'actuators': (1,)}, [{'actuators': (0,)}, {'actuators': ()}],
-     ('backlash in actuator east', 'backlash in actuator all')),
+     ('backlash in actuator east', 'backlash in all actuators')),
+    ({'pad': 0}, [{'pad': -1}], ('backlash in all pads',)),
     ({'marker': 'm1'}, [{'marker': 'm2', 'onset': 1.0}, {'marker': 'm2', 'onset': 2.0}],
      ('backlash in marker m2',)),
     ({'centre': (0.0, 0.0, 0.0)}, [{'centre': (1.0, 0.0, 0.0)}], ())])

@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 from arm_brachy.diagnosis.likelihood.discretisation import NAMES
 from arm_brachy.diagnosis.likelihood.nuisances import MODULUS
 from arm_brachy.diagnosis.likelihood.null_calibration import set_up_of
+from arm_brachy.diagnosis.results.channels import whereabouts
 from arm_brachy.diagnosis.selection.judge import Explanation, Problem
 from arm_brachy.diagnosis.selection.misfit_tests import in_directions, structured_tests
 from arm_brachy.diagnosis.statistics.linear_gaussian import posterior
@@ -66,7 +67,8 @@ def assemble(matched, tried, sound=0):
     columns = (acts[:, None] * np.vstack([m.observables.whiten(r.per_prior())
                                           for m, r in zip(matched, responses, strict=True)])
                for responses in tried.responses)
-    explanations = tuple(Explanation(one.name, label(one), part,
+    pads = matched[0].baseline.model.specimen.pads
+    explanations = tuple(Explanation(one.name, whereabouts(one.cls, one.place, pads), part,
                                      load_cases=one.cls.spec.load_cases,
                                      one_sided=tuple(s.one_sided for s in one.strengths))
                          for one, part in zip(tried.hypotheses, columns, strict=True))
@@ -92,19 +94,6 @@ def load_cases(matched, sound=0):
     rows = [of_state[first:][m.observables.states]
             for first, m in zip(ends[:-1], suspects, strict=True)]
     return np.concatenate([*rows, *(np.full(len(m.r), -1) for m in matched[len(suspects):])])
-
-
-def label(hypothesis):
-    """Which actuator, marker, place or time, in words; '' if there is none."""
-    return ', '.join(f'{key} {_shown(value)}' for key, value in hypothesis.place.items()
-                     if np.size(value) and not isinstance(value, str) or value)
-
-
-def _shown(value):
-    if isinstance(value, str):
-        return value
-    return ' '.join(v if isinstance(v, str) else f'{v:.4g}' for v in np.atleast_1d(
-        np.array(value, dtype=object)))
 
 
 def stacked_nuisances(matched, sound=0):
