@@ -9,7 +9,7 @@ from arm_brachy.core.scene import load_scene
 from arm_brachy.recording.import_csv import import_csv
 
 PAGE = Path(__file__).parents[1] / 'docs' / 'tutorials' / 'own_phantom.md'
-FILES = {'motors.csv': 't_ms,E_pos_mm,W_pos_mm\n0,0,0\n10,1,0\n',
+FILES = {'motors.csv': 't_ms,E_pos_mm,W_pos_mm\n0,0,0\n100,1,0\n',
          'cells.csv': 't_ms,E_load,W_load\n0,0,0\n10,2,0\n',
          'camera.csv': 'time,m1.X,m1.Y,m1.Z\n0,1,2,60\n0.02,-9999,-9999,-9999\n',
          'aurora.csv': 'time,lump_x,lump_y,lump_z\n0,5,3,28\n'}
