@@ -357,6 +357,16 @@ def test_check_lists_from_where_to_where_each_pad_went(block, tmp_path):
         ('long', 'east', -0.02, pytest.approx(9.0), 10.0)]
 
 
+@pytest.mark.parametrize(('E_kPa', 'N_mm', 'bent_mm'), [(2e8, 314, 0.01), (2e6, 3.1, 1.0)])
+def test_rcm_prints_the_stiffness_that_the_page_of_the_probe_quotes(E_kPa, N_mm, bent_mm):
+    words = f'--E-kPa {E_kPa} --polar-deg 60'.split()
+    stiffness = float(re.search(r'radial_stiffness_N_m +(\S+)', run('rcm', *words).stdout)[1])
+    assert float(f'{1e-3 * stiffness:.3g}') == pytest.approx(N_mm, abs=0.05)
+    assert 3.0 / (1e-3 * stiffness) == pytest.approx(bent_mm, rel=0.06)
+    page = (Path(__file__).parents[1] / 'docs' / 'probe.md').read_text(encoding='utf-8')
+    assert f'{N_mm} N/mm' in page and f'bend it by {bent_mm} mm' in page
+
+
 def test_a_scene_is_no_scenario_and_a_run_no_bag(block, bag, tmp_path):
     refused = run('run', block())
     assert refused.exit_code == 2 and 'is a scene; must be a scenario' in refused.stderr
