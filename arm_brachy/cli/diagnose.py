@@ -80,7 +80,7 @@ def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, quick, t
     are of one session, in which what drifts goes on. Beside the page comes a scenario with what
     was found, for `arm-brachy run`.
 
-    Takes 3 to 7 minutes for one recording, with one --null 4 to 10 minutes
+    In a blind trial it took 3 to 7 minutes for one recording, with one --null 4 to 10 minutes
     (docs/reference/limits.md). A line on stderr tells the step, and about how long the rest of
     it takes.
 
