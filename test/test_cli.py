@@ -338,6 +338,35 @@ def test_check_sets_strokes_beside_a_recording(block, tmp_path):
     assert 'stroke_mm = 10; must be at least the 14 mm that were recorded' in short.stdout
 
 
+def test_check_lists_from_where_to_where_each_pad_went(block, tmp_path):
+    for name, most in (('short', 3.0), ('long', 9.0)):
+        (tmp_path / 'enc.csv').write_text(f't_s,east\n0.0,-0.02\n0.1,{most}\n0.2,0.5\n')
+        (tmp_path / 'map.yaml').write_text(
+            "name: rig\nencoders:\n- csv: {path: enc.csv, time: t_s}\n  columns: '{key}'\n"
+            '  unit: mm\n')
+        assert run('import', 'csv', tmp_path / 'map.yaml', '--out',
+                   tmp_path / name).exit_code == 0
+    answer = run('check', block(), '--bag', tmp_path / 'short', '--bag', tmp_path / 'long',
+                 '--json', tmp_path / 'check.json')
+    assert answer.exit_code == 0 and 'from_mm' in answer.stdout and 'to_mm' in answer.stdout
+    rows = [row for row in json.loads((tmp_path / 'check.json').read_text())['rows']
+            if 'from_mm' in row]
+    assert [(Path(row['bag']).name, row['pad'], round(row['from_mm'], 6), row['to_mm'],
+             row['stroke_mm']) for row in rows] == [
+        ('short', 'east', -0.02, pytest.approx(3.0), 10.0),
+        ('long', 'east', -0.02, pytest.approx(9.0), 10.0)]
+
+
+@pytest.mark.parametrize(('E_kPa', 'N_mm', 'bent_mm'), [(2e8, 314, 0.01), (2e6, 3.1, 1.0)])
+def test_rcm_prints_the_stiffness_that_the_page_of_the_probe_quotes(E_kPa, N_mm, bent_mm):
+    words = f'--E-kPa {E_kPa} --polar-deg 60'.split()
+    stiffness = float(re.search(r'radial_stiffness_N_m +(\S+)', run('rcm', *words).stdout)[1])
+    assert float(f'{1e-3 * stiffness:.3g}') == pytest.approx(N_mm, abs=0.05)
+    assert 3.0 / (1e-3 * stiffness) == pytest.approx(bent_mm, rel=0.06)
+    page = (Path(__file__).parents[1] / 'docs' / 'probe.md').read_text(encoding='utf-8')
+    assert f'{N_mm} N/mm' in page and f'bend it by {bent_mm} mm' in page
+
+
 def test_a_scene_is_no_scenario_and_a_run_no_bag(block, bag, tmp_path):
     refused = run('run', block())
     assert refused.exit_code == 2 and 'is a scene; must be a scenario' in refused.stderr

@@ -16,7 +16,7 @@ from arm_brachy.tissue.build import build_body
 from arm_brachy.tissue.mesh import read_mesh
 from arm_brachy.tissue.mesh_check import check_mesh
 from arm_brachy.tissue.scene_check import body_row, pad_rows, point_rows
-from arm_brachy.tissue.scene_faults import Fault, scene_faults, size_faults, stroke_faults
+from arm_brachy.tissue.scene_faults import MM, Fault, scene_faults, size_faults, stroke_faults
 
 
 @click.command()
@@ -24,8 +24,8 @@ from arm_brachy.tissue.scene_faults import Fault, scene_faults, size_faults, str
 @click.option('--picture', type=click.Path(), metavar='FILE.png', callback=writable,
               help='Also draw body, held region, pads, markers and targets from six sides.')
 @click.option('--bag', 'bags', multiple=True, type=click.Path(), metavar='BAG',
-              help='A recording whose travel the strokes have to hold; may be given several '
-                   'times.')
+              help='A recording: from where to where each pad went in it is listed, and must be '
+                   'within the strokes; may be given several times.')
 @json_option
 def check(scene, picture, bags, json_file):
     """Say what a SCENE makes of its mesh, and what in it cannot be meant.
@@ -46,14 +46,15 @@ def check(scene, picture, bags, json_file):
     if picture and picture.suffix.lower() != '.png':
         raise InputError(f'{picture}: --picture writes PNG; name a file that ends on .png')
     described = load_scene(scene)
-    travels = _travels(bags, described) if bags else {}
+    strokes = _strokes(bags, described)
     with working(f'reading {scene}'):
         body, faults = _judged(described)
         rows = [] if body is None else [body_row(body), *pad_rows(described, body),
                                         *point_rows(described, body)]
-        faults = (*faults, *stroke_faults(described, travels))
+        rows += strokes
+        faults = (*faults, *stroke_faults(described, _travels(strokes)))
     result = summary(described.name, rows)
-    result.table(console)   # not `show`: body, pads and points have columns of their own
+    result.table(console)   # not `show`: body, pads, points, strokes have own columns
     for note in () if body is None else body.mesh.notes:
         console.print(f'note  {note}', markup=False, highlight=False)
     if json_file:
@@ -99,15 +100,31 @@ def _drawn(scene, body):
                      targets={t.name: np.array(t.position) for t in scene.targets})
 
 
-def _travels(bags, scene):
-    """Pad name -> largest travel [m] by the encoders of bags. Raises RecordingError for none."""
-    out, known = {}, {pad.name for pad in scene.pads}
+def _strokes(bags, scene):
+    """A row for every pad and bag: from where to where its encoder says that it went [mm].
+
+    None where the bag has no encoder of the pad. Raises RecordingError for a bag of other pads.
+    """
+    out, known = [], {pad.name for pad in scene.pads}
     for bag in bags:
         run = load_run(bag, measured=True)
         if run.encoder is None or not known & set(run.encoder_pads):
             has = ', '.join(run.encoder_pads) or 'none'
             raise RecordingError(f'{bag}: has encoders of {has}; must be of a pad of scene '
                                  f'{scene.name}: {", ".join(sorted(known)) or "it has none"}')
-        for name, q in zip(run.encoder_pads, run.encoder.values.T, strict=True):
-            out[name] = max(out.get(name, 0.0), float(np.nanmax(q)))
+        went = dict(zip(run.encoder_pads, MM * run.encoder.values.T, strict=True))
+        for pad in scene.pads:
+            q = went.get(pad.name)
+            low, high = (None, None) if q is None else (float(np.nanmin(q)), float(np.nanmax(q)))
+            out.append({'bag': str(bag), 'pad': pad.name, 'from_mm': low, 'to_mm': high,
+                        'stroke_mm': MM * pad.stroke})
+    return out
+
+
+def _travels(strokes):
+    """Pad name -> largest travel [m] of the rows of `_strokes`."""
+    out = {}
+    for row in strokes:
+        if row['to_mm'] is not None:
+            out[row['pad']] = max(out.get(row['pad'], 0.0), row['to_mm'] / MM)
     return out

@@ -50,7 +50,8 @@ SCREENED = 5    # candidates of a linear screen that the terminal shows; the pag
 @click.option('--null', 'null', multiple=True, type=click.Path(), metavar='BAG',
               help='A recording of the same cell in which nothing is wrong; may be given several '
                    'times. What it shows as well is no fault. Registration, touch points, '
-                   'zeros and modulus may differ; markers should sit where they sat.')
+                   'zeros and modulus may differ; markers should sit where they sat. Takes '
+                   'half as long again.')
 @click.option('--hold-out', 'held_out', multiple=True, type=click.Path(), metavar='BAG',
               help='A recording to test on, not fitted; may be given several times.')
 @click.option('--calibration', type=click.Path(), metavar='FILE',
@@ -79,6 +80,10 @@ def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, quick, t
     are of one session, in which what drifts goes on. Beside the page comes a scenario with what
     was found, for `arm-brachy run`.
 
+    In a blind trial it took 3 to 7 minutes for one recording, with one --null 4 to 10 minutes
+    (docs/reference/limits.md). A line on stderr tells the step, and about how long the rest of
+    it takes.
+
     Ctrl-C ends with what is known until then: page and JSON are written, with verdict `partial`;
     exit status 130. A second Ctrl-C writes nothing.
 
@@ -92,7 +97,8 @@ def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, quick, t
     files = scene_files(every, scene, scenes_of)
     read = {file: load_scene(file) for file in dict.fromkeys((scene, *files.values()))}
     calibrated = _calibration(calibration, read[scene])
-    loaded = load_bags(bags, lambda bag: read[files[bag]], hold_out=held_out, null=null)
+    with working(f'reading {", ".join(every)}'):
+        loaded = load_bags(bags, lambda bag: read[files[bag]], hold_out=held_out, null=null)
     made_by = summary(loaded.name, (), seed=seed)
     provenance = Provenance(loaded.name, seed, made_by.commit, made_by.machine, str(scene), (),
                             _typed(bags, scene, scenes_of, null, held_out, calibration, quick))

@@ -1,7 +1,8 @@
-"""`arm-brachy import csv | bag | c3d | scene`: a laboratory's files to bags and scenes."""
+"""`arm-brachy import`: a laboratory's files to bags and scenes, and a sample of such files."""
 
 import importlib
 import io
+import shutil
 from pathlib import Path
 
 import click
@@ -17,6 +18,7 @@ from arm_brachy.cli.output import (
     writable,
 )
 from arm_brachy.core import config
+from arm_brachy.core.paths import config_dir
 from arm_brachy.core.scene import load_scene
 from arm_brachy.recording.csv_map import ColumnMap
 from arm_brachy.recording.csv_presets import PRESETS, preset_map
@@ -239,3 +241,25 @@ def scene_command(file, out, name):
         several = list(value.values()) if isinstance(value, dict) else value
         for item in several if isinstance(several, (list, tuple)) else [several]:
             console.print(f'{key}  {item}', highlight=False, markup=False)
+
+
+@import_.command(name='sample')
+@click.option('--out', required=True, type=click.Path(), metavar='FOLDER',
+              help='Of the files; new or empty.')
+def sample_command(out):
+    """Write files to try `mesh`, `check`, `import csv` and `diagnose` on.
+
+    Surface, scene and column map of a simulated phantom with two pads, and the CSV files of one
+    recording. Its eastern pad goes 7 % less far than its encoder says, which the scene does not
+    know. docs/tutorials/own_phantom.md goes on with them.
+
+    \b
+    Example:
+      arm-brachy import sample --out lab
+    """
+    sample = config_dir() / 'imports' / 'phantom'
+    with new_folder(out) as folder:
+        shutil.copytree(sample, folder, dirs_exist_ok=True)
+    for path in sorted(path for path in sample.rglob('*') if path.is_file()):
+        console.print(f'file  {Path(out) / path.relative_to(sample)}', highlight=False,
+                      markup=False)

@@ -274,7 +274,8 @@ class Manipulator:
     def _age(self, t):
         last = self.observer.last_time
         said = 'none was received yet' if last is None else f'the last is {t - last:.2f} s old'
-        return f'no fresh sample of target {self._target}: {said}'
+        return (f'no fresh sample of target {self._target}: {said}; must be within '
+                f'{self.params.stale_after:g} s: look at its tracker or estimator')
 
     def _error_to_act_on(self, now):
         """Error (3,) [m] that merits a push beyond the travel pending, or None to keep still."""

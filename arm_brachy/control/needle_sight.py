@@ -7,6 +7,8 @@ import math
 
 from arm_brachy.core.outcome import Outcome
 
+MM = 1e3
+
 
 def probe_fault(probe, lost):
     """Fault of the probe over the tip.
@@ -16,13 +18,16 @@ def probe_fault(probe, lost):
     """
     again = 'scan again or insert more slowly'
     if not probe.in_contact:
-        return Outcome.STALE_INPUT, f'the probe has lost the skin; {again}'
+        return Outcome.STALE_INPUT, ('probe/state: the probe has lost the skin; must be in '
+                                     f'contact while the needle goes in: {again}')
     if not math.isfinite(probe.out_of_plane):
         return Outcome.STALE_INPUT, (
-            f'the tip is {probe.out_of_plane} m from the image plane; must be a number: look at '
-            'what is told of the tip')
+            f'probe/state: the tip is {probe.out_of_plane} m from the image plane; must be a '
+            'number: look at needle/tip')
     if probe.out_of_plane > lost:
-        return Outcome.STALE_INPUT, f'the probe has lost the tip; {again}'
+        return Outcome.STALE_INPUT, (
+            f'probe/state: the tip is {MM * probe.out_of_plane:.1f} mm ahead of the image plane; '
+            f'must be at most {MM * lost:g} mm: {again}')
     if not probe.outcome.ok:
         return probe.outcome, probe.message or probe.outcome.advice
     return None
@@ -38,12 +43,19 @@ def tip_fault(age, patience):
                                   'hole and depth of the needle')
 
 
-def target_fault(seen, estimated):
+def target_fault(known, estimate, image, fresh):
     """Fault of a target that neither fresh images nor fresh estimates show.
 
-    seen, estimated : (3,) [m] or None
+    known : True if either shows it;  fresh : [s] for which they count
+    estimate, image : [s] since the last of each, inf = never
     """
-    if seen is not None or estimated is not None:
+    if known:
         return None
-    return Outcome.STALE_INPUT, ('neither an estimate nor the images say where the target is; '
-                                 'look at the markers')
+    return Outcome.STALE_INPUT, (
+        'neither an estimate nor the images say where the target is: '
+        f'{_last("estimate", estimate)}, {_last("image of it (ultrasound/target)", image)}; must '
+        f'be within {fresh:g} s, images also agree with each other: look at the markers')
+
+
+def _last(what, age):
+    return f'the last {what} is {age:.1f} s old' if math.isfinite(age) else f'no {what} came'

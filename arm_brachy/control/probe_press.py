@@ -1,7 +1,7 @@
 """What a probe that presses on the skin does to a target, foretold by the controller's model.
 
-3 N over a target 30 mm deep move it by 3 mm, more than a needle can be steered on the last of its
-way: the needle's path is planned to where the target will then be.
+3 N over a target 31 mm deep move it by 3.1 mm, more than a needle can be steered on the last of
+its way: the needle's path is planned to where the target will then be.
 Test: control/test_probe_press.py
 """
 

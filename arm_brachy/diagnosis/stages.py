@@ -21,9 +21,9 @@ from arm_brachy.diagnosis.model.forward import ForwardModel
 from arm_brachy.diagnosis.model.modulus import modulus_ratio, scaled
 from arm_brachy.diagnosis.model.specimen import specimen_of
 from arm_brachy.diagnosis.progress import MESHES, MODEL, SCREEN, SIGNALS, untold
+from arm_brachy.diagnosis.results.channels import CARRIERS
 from arm_brachy.diagnosis.results.formatting import spoken
 from arm_brachy.diagnosis.results.parts import Recording
-from arm_brachy.diagnosis.selection.candidates import CARRIERS
 from arm_brachy.diagnosis.selection.pad_marker_check import astray, unled
 from arm_brachy.diagnosis.selection.screening import try_all
 

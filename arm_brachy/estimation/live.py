@@ -107,17 +107,19 @@ class LiveEstimator:
                             'last')
         self._last = frame[0]
         if self._pads and frame[0] - self._encoder[-1][0] > self.params.stale_after:
-            return LiveStep(t, None, Outcome.STALE_INPUT, 'the last encoder reading is '
-                            f'{frame[0] - self._encoder[-1][0]:.2f} s older than the frame, '
-                            f'allowed {self.params.stale_after:g} s; the estimate is withheld')
+            return LiveStep(t, None, Outcome.STALE_INPUT, 'actuators/state: the last encoder '
+                            f'reading is {frame[0] - self._encoder[-1][0]:.2f} s older than the '
+                            f'frame, allowed {self.params.stale_after:g} s; the estimate is '
+                            'withheld')
         return self._estimated(t, *frame)
 
     def _silent(self, t, frame):
         since = max(self._last, self._started)
         if t - since <= self.params.stale_after:
             return None
-        missing = 'no optical frame' if frame is None else 'no encoder reading'
-        return LiveStep(t, None, Outcome.STALE_INPUT, f'{missing} for more than '
+        missing = ('optical/markers: no frame' if frame is None
+                   else 'actuators/state: no encoder reading')
+        return LiveStep(t, None, Outcome.STALE_INPUT, f'{missing} for {t - since:.2f} s, allowed '
                         f'{self.params.stale_after:g} s; the estimate is withheld')
 
     def _estimated(self, t, when, ids, points):

@@ -187,14 +187,14 @@ def dome_scene(size):
     )
 
 
-def dome_surface(n_around=72, n_up=24):
+def dome_surface(n_around=72, n_up=24, radius=DOME_RADIUS, height=DOME_HEIGHT):
     """Half an ellipsoid on its base disc as a closed triangulation (trimesh.Trimesh, metres)."""
     theta = np.linspace(0.0, 2.0 * np.pi, n_around, endpoint=False)
     around = np.stack([np.cos(theta), np.sin(theta), np.zeros(n_around)], axis=1)
-    rings = [DOME_RADIUS * s * around for s in np.linspace(0.0, 1.0, 9)[1:]]
-    rings += [DOME_RADIUS * np.cos(t) * around + np.array([0.0, 0.0, DOME_HEIGHT * np.sin(t)])
+    rings = [radius * s * around for s in np.linspace(0.0, 1.0, 9)[1:]]
+    rings += [radius * np.cos(t) * around + np.array([0.0, 0.0, height * np.sin(t)])
               for t in np.linspace(0.0, np.pi / 2, n_up + 1)[1:-1]]
-    return _stack(rings, np.zeros(3), np.array([0.0, 0.0, DOME_HEIGHT]))
+    return _stack(rings, np.zeros(3), np.array([0.0, 0.0, height]))
 
 
 def beam_surface():

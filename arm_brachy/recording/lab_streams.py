@@ -18,12 +18,16 @@ from arm_brachy.recording.sampling import sampling
 from arm_brachy.recording.writer import BagWriter
 
 SECOND = 10**9
+APART = 2.0     # s between begins, or ends, of streams that were started by hand together
 _encoder = functools.cache(encode.Encoder)    # reads message definitions, which do not change
 
 
 @dataclass
 class LabStreams:
-    """What will be written. report : topic -> sampling;  notes : sentences for whoever imports"""
+    """What will be written. report : topic -> sampling;  notes : sentences for whoever imports
+
+    parts : (begin and end [ns], topics with their types, records) of every stream
+    """
 
     encoder: encode.Encoder = field(default_factory=_encoder)
     parts: list = field(default_factory=list)
@@ -98,15 +102,17 @@ class LabStreams:
         if twice:
             raise RecordingError(f'two sections of the map give {twice[0].strip("/")}; must be '
                                  'one: put their names into one section, or leave one out')
-        self.parts.append((int(t_ns[0]), topics, records))
+        self.parts.append(((int(t_ns[0]), int(t_ns[-1])), topics, records))
 
     def write(self, out_dir, info, attachments):
         """Write the bag; returns (BagWriter's directory, messages by topic).
 
         Where a time is negative, all are shifted by whole seconds, which a note says: a bag counts
-        from zero.
+        from zero. A note says where streams begin or end more than APART from each other.
+        Raises RecordingError if one shares no time with the first.
         """
-        first = min(start for start, _, _ in self.parts)
+        self._compare_clocks()
+        first = min(start for (start, _), _, _ in self.parts)
         shift = -(first // SECOND) * SECOND if first < 0 else 0
         if shift:
             self.notes.append(
@@ -123,3 +129,27 @@ class LabStreams:
             for t, topic, sequence, data in merged:
                 bag.write(topic, data, t, sequence=sequence)
         return str(bag.directory), bag.counts
+
+    def _compare_clocks(self):
+        """Note, or refuse, streams whose clocks may be off."""
+        spans = np.array([span for span, _, _ in self.parts]) / SECOND
+        names = [_called(topics) for _, topics, _ in self.parts]
+        said = ', '.join(f'{name} {begin:.6g} to {end:.6g} s'
+                         for name, (begin, end) in zip(names, spans, strict=True))
+        shared = np.minimum(spans[:, 1], spans[0, 1]) - np.maximum(spans[:, 0], spans[0, 0])
+        for k in np.flatnonzero(shared < 0.0):
+            raise RecordingError(
+                f'{names[0]} and {names[k]} share no time: {said}; must overlap: bring both on '
+                'one clock (`clock_offset_ms` of a section of a column map), or leave one out')
+        if np.ptp(spans, axis=0).max() > APART:
+            common = max(0.0, spans[:, 1].min() - spans[:, 0].max())
+            self.notes.append(
+                f'Streams begin or end more than {APART:g} s apart: {said}; {common:.3g} s are '
+                'common to all. That is right if a device was started late or stopped early. If '
+                'a clock is off, bring it to the others (`clock_offset_ms` in a column map).')
+
+
+def _called(topics):
+    """A stream by its first topic: 'em/lump/pose and 2 more'."""
+    names = [name.strip('/') for name, _ in topics if not name.endswith('/status')]
+    return names[0] + (f' and {len(names) - 1} more' if len(names) > 1 else '')

@@ -239,6 +239,7 @@ def test_no_samples_means_no_push():
     held = bench.command.copy()
     stale = bench.run(2.0, blind=True)
     assert stale.outcome is Outcome.STALE_INPUT and 's old' in stale.message
+    assert f'must be within {QUIET.stale_after:g} s' in stale.message
     assert np.array_equal(stale.command, held)
     assert bench.run(12.0).reached
 

@@ -50,7 +50,11 @@ def test_twice_the_force_does_to_twice_the_modulus_what_one_does_to_one(scene):
 def test_the_procedure_asks_for_it_where_its_probe_will_stand_and_only_if_it_wants_to(cell):
     along = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
     down = foretold_press(cell, along)
-    assert -5e-3 < down[2] < -1e-3 and np.linalg.norm(down[:2]) < 0.5e-3
+    top = load_scene_mesh(cell.model).nodes[:, 2].max()
+    target = next(t for t in cell.model.targets if t.name == cell.scenario.procedure.target)
+    assert top - target.position[2] == pytest.approx(31e-3, abs=0.5e-3)     # docs/probe.md
+    assert cell.scenario.probe.force == 3.0 and down[2] == pytest.approx(-3.1e-3, abs=0.1e-3)
+    assert np.linalg.norm(down[:2]) < 0.5e-3
     procedure = replace(cell.scenario.procedure, foresee=False)
     blind = replace(cell, scenario=replace(cell.scenario, procedure=procedure))
     assert not foretold_press(blind, along).any()

@@ -485,13 +485,14 @@ def test_contact_lost_for_good_ends_the_procedure_by_name():
     toy.contact = False
     p = toy.run().procedure
     assert p.phase is Phase.FINISHED and p.outcome is Outcome.STALE_INPUT
-    assert 'lost the skin' in p.message and toy.depth < 2e-3
+    assert 'probe/state: the probe has lost the skin' in p.message and toy.depth < 2e-3
 
 
 BLIND = [('depth', Outcome.OUT_OF_IMAGE, '70 mm from the face'),
          ('sight', Outcome.TIP_NOT_SEEN, 'found in an image'),
-         ('plane', Outcome.STALE_INPUT, 'image plane'),
-         ('target', Outcome.STALE_INPUT, 'where the target is')]
+         ('plane', Outcome.STALE_INPUT, 'the tip is nan m from the image plane; must be a number'),
+         ('target', Outcome.STALE_INPUT, 'no image of it (ultrasound/target) came; must be within '
+          '0.5 s')]
 
 
 @pytest.mark.parametrize(('broken', 'outcome', 'said'), BLIND)

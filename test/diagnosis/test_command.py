@@ -1,15 +1,17 @@
 """The command: what it refuses is told in one line and costs nothing."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from arm_brachy.cli import diagnose as command
 from arm_brachy.cli import main
 from arm_brachy.core.errors import InputError
-from arm_brachy.core.paths import config_dir
+from arm_brachy.core.paths import config_dir, share_dir
 from arm_brachy.core.scene import load_scene
 from arm_brachy.diagnosis import bags as loading
 from arm_brachy.diagnosis.bags import LoadedBags
@@ -99,3 +101,20 @@ def test_what_the_laboratory_says_of_itself_reaches_the_diagnosis(tmp_path, monk
     assert not (tmp_path / 'out').exists()
     said('bag', '--scene', SCENE, '--out', tmp_path / 'out')
     assert given['calibration'] is None
+
+
+def test_help_and_pages_say_how_long_it_takes_as_the_trial_measured():
+    """Medians and maxima of the trial's answers, and whole minutes around them in words."""
+    page = (share_dir() / 'docs/reference/limits.md').read_text(encoding='utf-8')
+    rows = json.loads((share_dir() / 'results/trials/b4a508b/result.json').read_text(
+        encoding='utf-8'))['rows']
+    help_ = ' '.join(CliRunner().invoke(main, ['diagnose', '--help']).output.split())
+    for mode, said, words in (
+            ('absolute', '{:.0f} s of wall clock (median of {}, at most {:.0f} s)', '3 to 7'),
+            ('null', '{0:.0f} s (at most {2:.0f} s) with a null', '--null 4 to 10')):
+        seconds = [row['seconds'] for row in rows if row.get('mode') == mode]
+        text = said.format(np.median(seconds), len(seconds), max(seconds))
+        assert text in ' '.join(page.split())
+        low, high = (60.0 * int(word) for word in words.split()[-3::2])
+        assert low - 5.0 <= min(seconds) and max(seconds) <= high
+        assert f'{words} minutes' in help_

@@ -71,7 +71,7 @@ def test_the_physics_has_its_equation_symbols_and_source(pages):
     assert 'y(t) = min(max(y(t-), u(t) - (1 - a) w), u(t) + a w)' in text
     assert 'Symbols: u motor position, y pad position, w width [m], a start.' in text
     assert 'Source: play operator: Visintin 1994' in text
-    assert '(of pad_1)' in text   # not the index of the actuator
+    assert '(actuator pad_1)' in text   # not its index
 
 
 def test_parameters_have_value_interval_and_unit(pages):
@@ -237,5 +237,5 @@ def test_metal_on_a_pad_is_told_by_its_name(answers, shown, tmp_path, field, pad
         'em_distortion', {'pad_coupling': Estimate((0.1, 0.0, 0.0), (0.08, 0.0, 0.0),
                                                    (0.12, 0.0, 0.0))}, {field: pad}, 0.99),))
     page = Page(write_diagnosis(d, bare(shown(d)), tmp_path / 'page.html'))
-    assert ('with pad_2' in page.text) == told
+    assert ('(pad pad_2)' in page.text) == told
     assert '-1' not in page.text

@@ -125,6 +125,7 @@ def test_a_quick_look_ranks_what_was_planted_first_and_gives_no_verdict(recordin
     assert d.verdict == 'partial' and d.unfinished.why == 'quick'
     assert d.screen[0].term == 'strain_stiffening'
     assert d.screen[0].evidence > d.screen[1].evidence and d.screen[0].full_fit is None
+    assert any(one.variant.endswith(') mm') for one in d.screen)
     assert d.unfinished.left == (FITS, ERRORS) and 0.0 <= d.chance <= 1.0
     assert any('12 load states' in note for note in d.notes)
     counts = [(done, total) for step, done, total, *_ in told if step == SCREEN]

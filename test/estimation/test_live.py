@@ -96,7 +96,8 @@ def test_loads_that_are_told_are_the_estimators_until_they_are_old():
 def test_a_silent_encoder_is_named():
     one, _ = live()
     steps = run(one, 1.0, pads=0)
-    assert steps[-1].outcome is Outcome.STALE_INPUT and 'no encoder' in steps[-1].message
+    assert steps[-1].outcome is Outcome.STALE_INPUT and 'actuators/state: no encoder' in (
+        steps[-1].message)
 
 
 def test_encoders_that_fall_silent_are_named_and_nothing_is_estimated_at_an_old_travel():

@@ -364,6 +364,7 @@ def test_a_stale_tip_makes_it_retract(touching):
     touching.blind = True
     step = touching.run(PARAMS.tip_patience + 0.3)
     assert (step.phase, step.outcome) == (Phase.RETRACT, Outcome.STALE_INPUT)
+    assert 'needle/tip: last heard of' in step.message and 'within 1 s' in step.message
 
 
 def test_a_lost_skin_makes_it_retract(touching):

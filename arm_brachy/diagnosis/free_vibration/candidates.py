@@ -13,6 +13,7 @@ from arm_brachy.core.quantity import quantities
 from arm_brachy.core.scene import Material
 from arm_brachy.diagnosis.free_vibration.scenes import InScene, at_loads
 from arm_brachy.diagnosis.model.hypothesis import Hypothesis, hypothesis
+from arm_brachy.diagnosis.results.channels import whereabouts
 from arm_brachy.diagnosis.selection.candidates import (
     BASE_PLACES,
     FIBRES,
@@ -65,9 +66,9 @@ class Free:
     @property
     def key(self):
         """(term, variant): the same for the same place in every specimen of one body."""
-        place = [f'{k} {_said(v)}' for k, v in self.hypothesis.place.items()]
-        return self.hypothesis.name, ', '.join(
-            [*place, *([f'scene {self.scene}'] if self.scene else [])])
+        where = whereabouts(self.hypothesis.cls, self.hypothesis.place, ())
+        scene = f'scene {self.scene}' if self.scene else ''
+        return self.hypothesis.name, ', '.join(filter(None, (where, scene)))
 
     def term(self, amplitudes):
         """The term with amplitudes (k,); a scenes.InScene where it acts in one alone."""
@@ -91,11 +92,6 @@ def _bounded(strength, info, amplitude):
     value = strength.value(amplitude) / info.scale
     low, high = (np.inf if edge is None else edge for edge in (info.low, info.high))
     return (info.low is None or value >= low) and value <= high
-
-
-def _said(value):
-    return ' '.join(f'{v:.4g}' for v in np.atleast_1d(value)) if not isinstance(
-        value, str) else value
 
 
 def free_hypotheses(specimen, scenes=()):

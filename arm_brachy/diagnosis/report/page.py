@@ -14,6 +14,7 @@ from arm_brachy.diagnosis.report.misfit_film import MisfitStates, misfit_film, m
 from arm_brachy.diagnosis.report.next_steps import what_next
 from arm_brachy.diagnosis.report.partial_residuals import partial_plate
 from arm_brachy.diagnosis.results import formatting
+from arm_brachy.diagnosis.results.channels import channel
 from arm_brachy.diagnosis.results.parts import edge_unit
 from arm_brachy.diagnosis.selection.detectability import FAR, SHOWS
 from arm_brachy.evaluation.body_place import Body
@@ -210,20 +211,13 @@ def _options(d, body):
 
 
 def _cause(cause, body):
-    chosen = [_chosen(key, value, body) for key, value in cause.applies_to.items()
+    pads = [pad.name for pad in body.pads]
+    chosen = [channel(key, value, pads) for key, value in cause.applies_to.items()
               if value not in ((), '', EVERY)]
     return _Cause(_capital(formatting.spoken(cause.term)), cause.spec.summary,
                   f' ({", ".join(chosen)})' if chosen else '', cause.spec.equation, cause.symbols,
                   _parameter_grid(cause.shown()), cause.spec.leaves_open,
                   f'Source: {cause.spec.source}.')
-
-
-def _chosen(key, value, body):
-    if key == 'actuators':   # indices into the bank, which has the order of the pads
-        return f'of {formatting.listed([body.pads[i].name for i in value])}'
-    if key in ('pad', 'carrier'):
-        return f'with {body.pads[value].name}'
-    return f'{key} {value if isinstance(value, str) else formatting.listed(map(str, value))}'
 
 
 def _parameter_grid(rows, note=''):

@@ -30,8 +30,6 @@ FIBRES = ((0.0, 90.0), *((a, 0.0) for a in (0.0, 45.0, 90.0, -45.0)),
 SIZES = {'base_debond': (0.7, 1.2)}
 RODS = (0.0, 0.015, 0.03)   # m behind a pad's face: where the metal that it is on may be
 BESIDE = 0.03           # m from a body: metal that stays
-# What of a hypothesis' place is no place in the body but what carries the effect.
-CARRIERS = ('actuators', 'pads', 'pad', 'carrier', 'marker', 'markers', 'tools', 'stream')
 SECOND_BRANCH = 40.0    # s, beside a first that is faster by far: creep of tissue has both
 
 

@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 from arm_brachy.diagnosis.likelihood.discretisation import NAMES
 from arm_brachy.diagnosis.likelihood.nuisances import MODULUS
 from arm_brachy.diagnosis.likelihood.null_calibration import set_up_of
-from arm_brachy.diagnosis.selection.candidates import CARRIERS
+from arm_brachy.diagnosis.results.channels import CARRIERS, whereabouts
 from arm_brachy.diagnosis.selection.judge import Explanation, Problem
 from arm_brachy.diagnosis.selection.misfit_tests import in_directions, structured_tests
 from arm_brachy.diagnosis.statistics.linear_gaussian import posterior
@@ -67,10 +67,11 @@ def assemble(matched, tried, sound=0):
     columns = (acts[:, None] * np.vstack([m.observables.whiten(r.per_prior())
                                           for m, r in zip(matched, responses, strict=True)])
                for responses in tried.responses)
-    explanations = tuple(Explanation(one.name, label(one), part,
+    pads = matched[0].baseline.model.specimen.pads
+    explanations = tuple(Explanation(one.name, whereabouts(one.cls, one.place, pads), part,
                                      load_cases=one.cls.spec.load_cases,
                                      one_sided=tuple(s.one_sided for s in one.strengths),
-                                     channel=channel(one))
+                                     channel=carried_by(one))
                          for one, part in zip(tried.hypotheses, columns, strict=True))
     problem = Problem(np.concatenate([m.r for m in matched]), U,
                       np.concatenate([m.kinds for m in matched]), tests, explanations,
@@ -96,22 +97,9 @@ def load_cases(matched, sound=0):
     return np.concatenate([*rows, *(np.full(len(m.r), -1) for m in matched[len(suspects):])])
 
 
-def channel(hypothesis):
+def carried_by(hypothesis):
     """What carries an effect, (key, value) pairs; () if nothing does but a place or the body."""
     return tuple((key, hypothesis.place[key]) for key in CARRIERS if key in hypothesis.place)
-
-
-def label(hypothesis):
-    """Which actuator, marker, place or time, in words; '' if there is none."""
-    return ', '.join(f'{key} {_shown(value)}' for key, value in hypothesis.place.items()
-                     if np.size(value) and not isinstance(value, str) or value)
-
-
-def _shown(value):
-    if isinstance(value, str):
-        return value
-    return ' '.join(v if isinstance(v, str) else f'{v:.4g}' for v in np.atleast_1d(
-        np.array(value, dtype=object)))
 
 
 def stacked_nuisances(matched, sound=0):

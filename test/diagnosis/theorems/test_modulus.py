@@ -143,7 +143,7 @@ def test_t4_a_gain_of_one_is_named_with_its_pad(breast, rich, judge, gains):
     one = {'name': 'force_gain', 'gain': 0.08, 'pads': ['pad_1']}
     found = judge([breast.watch(rich, one)], gains)
     assert found.verdict == 'named' and found.names == {'force_gain'}
-    assert found.decision.accepted.explanations[0].variant == 'pads pad_1'
+    assert found.decision.accepted.explanations[0].variant == 'pad pad_1'
     assert found.modulus['E'].value == pytest.approx(6e3, rel=0.01)
 
 
