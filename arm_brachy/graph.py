@@ -311,9 +311,8 @@ ULTRASOUND_IMAGER = NodeSpec(
     publishes=(ULTRASOUND_IMAGE, ULTRASOUND_OVERLAY, ULTRASOUND_INFO, ULTRASOUND_TIP,
                ULTRASOUND_TARGET, *EVERYWHERE),
     subscribes=(TRUTH_TOPOLOGY, TRUTH_POSITIONS, TRUTH_PROBE, TRUTH_CONTACT, TRUTH_NEEDLE,
-                PROBE_POSE, NEEDLE_TIP, NEEDLE_AIM, *ESTIMATES),
-    same=('tissue_simulator', 'probe_controller', 'needle_driver'),
-    previous=('operator', *(n.name for n in ESTIMATOR_NODES)))
+                PROBE_POSE, NEEDLE_TIP, NEEDLE_AIM),
+    same=('tissue_simulator', 'probe_controller', 'needle_driver'), previous=('operator',))
 SURFACE_SCANNER = NodeSpec(
     'surface_scanner', 'scans the skin once at the start and on request',
     publishes=(SURFACE, *EVERYWHERE), subscribes=(TRUTH_TOPOLOGY, TRUTH_POSITIONS),

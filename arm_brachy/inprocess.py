@@ -269,7 +269,6 @@ class InProcess:
         target = self._cell.scenario.procedure.target
         for _, t, position in (h for h in heard if h[0] == target):
             self.probe.procedure.hear_target(t, position)
-            self.probe.imager.hear_target(position)
         self.probe.watch(self.safety, self.t)
         self.finished = self.probe.conduct(self.t, at_home(state.q, state.velocity), self)
 

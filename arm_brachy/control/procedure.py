@@ -64,8 +64,9 @@ _ASIDE = 0.05e-3    # m by which the told offset of the path has to change: the 
 _MET = 0.3e-3       # m of the tip from the image plane, as told, that counts as in it
 _OUT = 1.5e-3       # m of told depth below which the needle is out
 _SLOWING = 6        # steps in which the needle comes to its speed before the target
-# Steps in which the pads let the needle drag the target along.
-_DRAGGED = (Phase.PLACING, Phase.APPROACHING, Phase.MEETING, Phase.INSERTING)
+# Steps in which the pads let the needle drag the target along. Not while it goes on to the target,
+# which the images find by planes of different times: meanwhile it has to stay.
+_DRAGGED = (Phase.PLACING, Phase.APPROACHING, Phase.MEETING)
 _DRIVEN = (Phase.PLACING, Phase.MEETING, Phase.INSERTING)   # steps in which the needle goes in
 
 
@@ -93,7 +94,6 @@ class Procedure:
         self._goal, self._next_shift, self._next_way = None, 0.0, 0.0
         self._told = None           # curvature [1/m] of the needle, and its offset (3,) [m]
         self._tip_seen = -np.inf    # s, of the last image in which the tip was found
-        self._estimated = self._imaged = -np.inf    # s, of the target, the last of each
         self._shown = -np.inf       # s, of the last one that was answered by what is foretold
         self._needle, self._probe = NeedleSeen(0.0), ProbeSeen()
         self._stood = 0.0, 0.0      # told depth [m] that has not changed since [s]
@@ -120,7 +120,6 @@ class Procedure:
         """Where the feedback has the target."""
         if self._sound(t, p):
             self._target.append((t, np.array(p, dtype=float)))
-            self._estimated = t
 
     def hear_needle(self, seen):
         """Take a NeedleSeen."""
@@ -145,7 +144,6 @@ class Procedure:
                 self.plan is not None
                 and np.linalg.norm(p - self.plan.goal) > 2.0 * self.params.reach):
             self._seen.append((t, np.array(p, dtype=float)))
-            self._imaged = t
 
     def _sound(self, t, p):
         """True for a place that is one, and whose stamp [s] is not of the future."""
@@ -559,8 +557,7 @@ class Procedure:
         """
         return (probe_fault(self._probe, self.params.lost)
                 or tip_fault(self._t - self._tip_seen, self.params.tip_patience)
-                or target_fault(self._target_seen is not None or self.target is not None,
-                                self._t - self._estimated, self._t - self._imaged, _FRESH))
+                or target_fault(self._target_seen, self.target))
 
     def _wait(self, outcome, why):
         """The needle stays; after a while the procedure fails by what it waits for then."""

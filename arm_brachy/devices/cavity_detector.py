@@ -4,9 +4,7 @@ In a picture: log compression is undone, speckle is averaged by a Gaussian, and 
 the darkest connected region rays go out to where the intensity is half that of plain tissue. Half
 is where the edge of a cavity lies under the middle of the beam, within the plane and across it, so
 that the thickness of the slice does not shrink the outline. What the needle covers is left out.
-Over pictures in known planes: the sphere through all edges, by linear least squares. The tissue
-moves between pictures, dragged by the needle and pushed by the pads: edges go along with where an
-estimate has the cavity, whose own error drops out as far as it stays the same.
+Over pictures in known planes: the sphere through all edges, by linear least squares.
 Sources: starburst of rays, Li, Winfield, Parkhurst 2005, CVPR workshops, 79; sphere by linear
 least squares, Coope 1993, J Optim Theory Appl 76:381; freehand 3-D from tracked planes, Prager,
 Gee, Berman 1999, Med Image Anal 3:129.
@@ -182,21 +180,18 @@ class CavityLocaliser:
 
     def __init__(self, params):
         """Has seen nothing yet."""
-        self._params, self._seen, self._here = params, [], np.zeros(3)
+        self._params, self._seen = params, []
 
-    def see(self, t, R, p, outline, here=(0.0, 0.0, 0.0)):
+    def see(self, t, R, p, outline):
         """Take an outline (k, 2) [m] x, z in the plane of a probe at R (3, 3), p (3,) at t [s].
 
         outline : None without one; what is older than the memory is forgotten in any case
-        here : (3,) [m] where an estimate has the cavity now; edges are kept relative to it
         """
-        self._here = np.asarray(here, dtype=float)
         params = self._params
         self._seen = [s for s in self._seen if s[0] >= t - params.memory]
         if outline is None:
             return
-        points = p - self._here + np.column_stack(
-            [outline[:, 0], np.zeros(len(outline)), outline[:, 1]]) @ R.T
+        points = p + np.column_stack([outline[:, 0], np.zeros(len(outline)), outline[:, 1]]) @ R.T
         middle = points.mean(axis=0)
         # A plane where there was one before says what that one said, until the tissue has moved.
         near = [s for s in self._seen
@@ -207,7 +202,7 @@ class CavityLocaliser:
 
     @property
     def cavity(self):
-        """The Cavity by now, None while the planes do not say where it is."""
+        """The Cavity, None while the planes do not say where it is."""
         params = self._params
         if len(self._seen) < params.planes:
             return None
@@ -227,4 +222,4 @@ class CavityLocaliser:
             normal)[:3, :3]
         if np.sqrt(np.linalg.eigvalsh(covariance)[-1]) > params.sd_most:
             return None
-        return Cavity(self._here + middle + a[:3], covariance, radius)
+        return Cavity(middle + a[:3], covariance, radius)

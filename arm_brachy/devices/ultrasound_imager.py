@@ -143,12 +143,6 @@ class Imager:
         self._times, self._last = SampleTimes(params.image.rate), None
         self._contact, self._share = None, None
         self._aim = -np.inf, None
-        self._target = np.zeros(3)
-
-    def hear_target(self, p):
-        """Take where the feedback has the target (3,) [m]: outlines of the cavity go along."""
-        if np.all(np.isfinite(p)):
-            self._target = np.array(p, dtype=float)
 
     def hear_aim(self, t, points):
         """Take where the tip will be and where it is to be, (2, 3) [m], as foretold at t [s].
@@ -265,7 +259,7 @@ class Imager:
         if self._outlines is None or place is None:
             return None, None
         outline = self._outlines.outline(picture, place, head)
-        self._cavity.see(t, *told_probe, outline, self._target)
+        self._cavity.see(t, *told_probe, outline)
         if outline is None:
             return None, None
         return self._cavity.cavity, self.params.image.pixels(outline)

@@ -20,8 +20,6 @@ class UltrasoundImagerNode(Node):
     in   truth/mesh/topology, truth/mesh/positions, truth/probe, truth/probe_contact, truth/needle
          probe/pose, needle/tip   PoseStamped  where to draw the holes and to search for the tip
          needle/aim               PoseArray    where to draw what is foretold of the tip
-         estimate/<feedback>/<target>  PoseWithCovarianceStamped  how the tissue moves the target,
-                                               whose outlines go along
     out  ultrasound/image         Image mono8  x along the elements, y deep
          ultrasound/overlay       Image rgb8   holes, tip, and where it will be, drawn in
          ultrasound/camera_info   CameraInfo   pixels per metre
@@ -39,9 +37,6 @@ class UltrasoundImagerNode(Node):
         self._imager = cell.build_imager(setup.cell)
         self._params = setup.cell.scenario.ultrasound.image
         self._latest, self._images, self._found = {}, 0, 0
-        scenario = setup.cell.scenario
-        self._estimate = None if scenario.procedure is None else graph.estimate(
-            scenario.feedback).at(target=scenario.procedure.target).name
         ticker = Ticker(self, graph.ULTRASOUND_IMAGER, self._work, lockstep=setup.lockstep,
                         tick_ns=setup.tick_ns, peers=setup.peers, absent=setup.absent)
         self._image_pub = ticker.publisher(graph.ULTRASOUND_IMAGE)
@@ -50,8 +45,7 @@ class UltrasoundImagerNode(Node):
         self._tip_pub = ticker.publisher(graph.ULTRASOUND_TIP)
         self._target_pub = ticker.publisher(graph.ULTRASOUND_TARGET)
         self._health = Health(self, ticker, self._frame)
-        targets = [t.name for t in setup.cell.scene.targets]
-        for topic in graph.received(graph.ULTRASOUND_IMAGER, setup.peers, targets=targets):
+        for topic in graph.ULTRASOUND_IMAGER.subscribes:
             ticker.subscribe(topic)
         ticker.start()
 
@@ -61,8 +55,6 @@ class UltrasoundImagerNode(Node):
                 self._latest[name] = messages[-1]
         for msg in inputs.get(graph.NEEDLE_AIM.name, ()):
             self._hear_aim(t_ns, msg)
-        for msg in inputs.get(self._estimate, ()):
-            self._imager.hear_target(convert.position(msg))
         frame = self._see(t_ns)
         if frame is None:
             return
