@@ -94,6 +94,7 @@ class Procedure:
         self._goal, self._next_shift, self._next_way = None, 0.0, 0.0
         self._told = None           # curvature [1/m] of the needle, and its offset (3,) [m]
         self._tip_seen = -np.inf    # s, of the last image in which the tip was found
+        self._estimated = self._imaged = -np.inf    # s, of the target, the last of each
         self._shown = -np.inf       # s, of the last one that was answered by what is foretold
         self._needle, self._probe = NeedleSeen(0.0), ProbeSeen()
         self._stood = 0.0, 0.0      # told depth [m] that has not changed since [s]
@@ -120,6 +121,7 @@ class Procedure:
         """Where the feedback has the target."""
         if self._sound(t, p):
             self._target.append((t, np.array(p, dtype=float)))
+            self._estimated = t
 
     def hear_needle(self, seen):
         """Take a NeedleSeen."""
@@ -144,6 +146,7 @@ class Procedure:
                 self.plan is not None
                 and np.linalg.norm(p - self.plan.goal) > 2.0 * self.params.reach):
             self._seen.append((t, np.array(p, dtype=float)))
+            self._imaged = t
 
     def _sound(self, t, p):
         """True for a place that is one, and whose stamp [s] is not of the future."""
@@ -557,7 +560,8 @@ class Procedure:
         """
         return (probe_fault(self._probe, self.params.lost)
                 or tip_fault(self._t - self._tip_seen, self.params.tip_patience)
-                or target_fault(self._target_seen, self.target))
+                or target_fault(self._target_seen is not None or self.target is not None,
+                                self._t - self._estimated, self._t - self._imaged, _FRESH))
 
     def _wait(self, outcome, why):
         """The needle stays; after a while the procedure fails by what it waits for then."""
