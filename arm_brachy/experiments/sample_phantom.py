@@ -37,19 +37,22 @@ MISSING = '-9999'
 PUSHES = (((5, 0), 4.0, 2.0), ((9, 0), 8.0, 2.0), ((0, 5), 8.0, 2.0), ((0, 9), 4.0, 2.0),
           ((5, 5), 8.0, 2.0), ((9, 9), 4.0, 2.0), ((9, 3), 8.0, 2.0))
 REST = 2.0          # s between them, twice that before and after
+STEP = 0.01         # s between samples of the path
 # Period [s] and noise, sd [m or N], of each device.
 MOTORS, CELLS, CAMERA, AURORA = (0.02, 2e-6), (0.05, 0.02), (0.1, 5e-5), (0.1, 1e-4)
 
 
 def travel():
-    """The signals.motion.Path of the motors."""
+    """The signals.motion.Path of the motors, closely sampled: a fault may depend on the way."""
     t, q = [0.0, 2.0 * REST], [(0.0, 0.0)] * 2
     for push, speed, hold in PUSHES:
         way = max(push) / speed
         t += [t[-1] + way, t[-1] + way + hold, t[-1] + 2.0 * way + hold,
               t[-1] + 2.0 * way + hold + REST]
         q += [push, push, (0.0, 0.0), (0.0, 0.0)]
-    return Travel(np.array([*t, t[-1] + REST]), 1e-3 * np.array([*q, (0.0, 0.0)]))
+    corners = Travel(np.array([*t, t[-1] + REST]), 1e-3 * np.array([*q, (0.0, 0.0)]))
+    clock = np.union1d(corners.t, np.arange(0.0, corners.t[-1], STEP))
+    return Travel(clock, corners.at(clock))
 
 
 def make(folder=SAMPLE):

@@ -25,7 +25,8 @@ def transmitted(terms, encoder, effort=None):
     terms : of any stage; those at the set point have acted before the encoders and change nothing
     effort : (m, p) [N] pushing back on the pads at the encoder's samples, None = none
     Every sample passes through every term, so that memory (play) sees each reversal. Holds for
-    terms without a time of their own: a sample that is repeated changes nothing.
+    terms without a time of their own: a sample that is repeated changes nothing. Between samples
+    the path is straight, which play is not: they have to be closer than its width.
     Raises ConfigError for a term between motor and encoder, which cannot be turned round.
     """
     by_stage = split(terms)
