@@ -124,64 +124,81 @@ def _refuse_other_scenes(evidences):
 
 def _answer(judgement, found, looked, provenance, ratio, left_out, request, blur):
     """blur : discretisation.Ensemble of what the mesh may be wrong by, None where nulls tell."""
-    assembly, decision, fault = judgement.assembly, judgement.decision, judgement.fault
-    tests = judgement.tests
+    assembly, decision = judgement.assembly, judgement.decision
     accepted, specimen = decision.accepted, assembly.matched[0].baseline.model.specimen
-    scene = specimen.scene
     explanations = accepted.explanations if accepted else ()
-    onsets = {middle: ends for m in assembly.matched
-              for middle, ends in onsets_in(m.recorded).items()}
-    causes, where = conclusions.options_of(decision, judgement.fits, scene, onsets)
-    when = [] if accepted is None else conclusions.times_of(assembly, accepted)
     fitted = [judgement.fits.of(one) for one in (accepted, *decision.equals) if one is not None]
     best = fitted[0] if fitted else None
-    errors = conclusions.errors_of(assembly, best, ratio, tests)
+    errors = conclusions.errors_of(assembly, best, ratio, judgement.tests)
     errors = errors if blur is None else with_mesh(errors, blur, assembly.matched)
+    causes, where, when = _named(judgement, found, specimen.scene)
+    verdict = _verdict(decision.verdict, causes, judgement.fault, found.nameless)
+    where, when, words = _unnamed(judgement, found, specimen.scene, verdict, where, when)
     notes = [*([] if blur is not None else [BESIDE_NULLS]), *left_out, *cut_rims(specimen),
              *judgement.notes, *notes_of(looked), *said_of_faint(found),
-             *(note for one in fitted for note in one.notes)]
-    causes, where, when = with_findings(found, scene, causes, where, when, decision)
-    left = left_over(assembly, explanations)
-    causes += [] if fault is None else [fault.cause()]
-    shape = decision.shape if fault is None else decision.unproven
-    if shape is not None:
-        where += [replace(one, term='') for one in conclusions.places_of(
-            judgement.fits.of(shape), scene) if one is not None]
-        when += [replace(one, term='') for one in conclusions.times_of(assembly, shape)]
-        notes += [] if decision.unproven is None else [_would_do(shape)]
-    elif decision.verdict == 'unexplained' and fault is None:
-        places, times = conclusions.unexplained(assembly, decision.before.worst, left)
-        where, when = [*places, *where], [*times, *when]
-        notes += conclusions.said_of(assembly.tests[decision.before.worst])
-    verdict = _verdict(decision.verdict, causes, fault, found.nameless)
-    if verdict == 'unexplained' or any(cause.term == 'clock_offset' for cause in causes):
-        notes += hint(assembly.matched)
-    if verdict == 'unexplained':
-        where += [place_of(finding, scene) for finding, _ in found.nameless]
-        when += [interval_of(finding, name) for finding, name in found.nameless]
-    if fault is not None and decision.verdict == 'unexplained':
-        notes.append(MORE)
-    if verdict == 'nothing_missing' and any(one.blurred for one in errors):
-        notes.append(FINER)
+             *(note for one in fitted for note in one.notes), *words,
+             *_advised(judgement, verdict, causes, errors)]
     diagnosis = Diagnosis(
-        verdict,
-        provenance, tuple(causes), tuple(where), tuple(when),
+        verdict, provenance, causes, where, when,
         conclusions.alternatives_of(assembly, decision, {c.term for c in causes}),
         errors, request,
-        conclusions.recalibrated(assembly, scene, explanations, Priors().modulus,
-                              best.scale if best else None),
+        conclusions.recalibrated(assembly, specimen.scene, explanations, Priors().modulus,
+                                 best.scale if best else None),
         evidence=accepted.evidence if accepted else None,
         held_out=accepted.held_out if accepted else None, chance=decision.left.chance,
         apart=min((float(c.separation) for c in decision.equals), default=None),
         nearest=None if verdict != 'unexplained' else conclusions.nearest_of(
-            assembly, decision, judgement.fits, ratio, tests),
+            assembly, decision, judgement.fits, ratio, judgement.tests),
         findings=tuple(f for one in looked for f in one.structure.findings), notes=tuple(notes),
         limits=limits_of(assembly))
-    return Answer(diagnosis, Shown(body_of(scene, specimen.mesh),
+    return Answer(diagnosis, Shown(body_of(specimen.scene, specimen.mesh),
                                    traces(assembly, explanations),
                                    partials(assembly, explanations),
                                    worst_curves(assembly, *_drawn(judgement, best, found), ratio),
                                    misfit_states(assembly, explanations)))
+
+
+def _named(judgement, found, scene):
+    """(causes, places, times) of what is named: by the model, by findings, and a mesh at fault."""
+    assembly, decision, fault = judgement.assembly, judgement.decision, judgement.fault
+    onsets = {middle: ends for m in assembly.matched
+              for middle, ends in onsets_in(m.recorded).items()}
+    causes, where = conclusions.options_of(decision, judgement.fits, scene, onsets)
+    when = [] if decision.accepted is None else conclusions.times_of(assembly, decision.accepted)
+    causes, where, when = with_findings(found, scene, causes, where, when, decision)
+    return (*causes, *([] if fault is None else [fault.cause()])), where, when
+
+
+def _unnamed(judgement, found, scene, verdict, where, when):
+    """(places, times, notes): where and when, those of what nobody names too, and what to say."""
+    assembly, decision, fault = judgement.assembly, judgement.decision, judgement.fault
+    notes, shape = [], decision.shape if fault is None else decision.unproven
+    if shape is not None:
+        where = [*where, *(replace(one, term='') for one in conclusions.places_of(
+            judgement.fits.of(shape), scene) if one is not None)]
+        when = [*when, *(replace(one, term='') for one in conclusions.times_of(assembly, shape))]
+        notes += [] if decision.unproven is None else [_would_do(shape)]
+    elif decision.verdict == 'unexplained' and fault is None:
+        places, times = conclusions.unexplained(assembly, decision.before.worst,
+                                                left_over(assembly, ()))
+        where, when = [*places, *where], [*times, *when]
+        notes += conclusions.said_of(assembly.tests[decision.before.worst])
+    if verdict == 'unexplained':
+        where = [*where, *(place_of(finding, scene) for finding, _ in found.nameless)]
+        when = [*when, *(interval_of(finding, name) for finding, name in found.nameless)]
+    return tuple(where), tuple(when), notes
+
+
+def _advised(judgement, verdict, causes, errors):
+    """Notes on what to do about a verdict."""
+    notes = []
+    if verdict == 'unexplained' or any(cause.term == 'clock_offset' for cause in causes):
+        notes += hint(judgement.assembly.matched)
+    if judgement.fault is not None and judgement.decision.verdict == 'unexplained':
+        notes.append(MORE)
+    if verdict == 'nothing_missing' and any(one.blurred for one in errors):
+        notes.append(FINER)
+    return notes
 
 
 def _drawn(judgement, best, found):
