@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 from scipy.stats import binomtest
 
+from arm_brachy.prove.score import FORMS
+
 # Folders of results/trials: commits of the detector, in order.
 TRIALS = ('bc215fd', 'bda5ad8', 'c10f951', '1bd0120', 'fe474c0', 'b6f6b5d',
           '33dd338', 'bb92e09', '6fa7b70', '2bbea98', '4b85996', 'a402a85', '7937077',
@@ -19,6 +21,7 @@ COUNTED = {'top-1, all singles': 'top-1, all singles',
            'false alarms, nulls': 'false alarms, nulls',
            'wrong claims, all cases': 'wrong claims, or no answer',
            'held-out recovery': 'held-out recovery'}
+OF_LAWS = ('top-1, identifiable singles', 'top-1, all singles', 'wrong claims, or no answer')
 HIDES = 'what-hides'      # file of `prove.what_hides`
 ALIKE = 'alike'           # file of `prove.alike`
 LENGTHS = ('oracle', 'at_states', 'calibrated', 'seen', 'tested')
@@ -83,6 +86,21 @@ def rate(results):
         'if it also received a recording of the same rig without a fault. It named a wrong cause, '
         f'or gave no answer, in {wrong["absolute"]["count"]} of {wrong["absolute"]["of"]} and '
         f'{wrong["null"]["count"]} of {wrong["null"]["of"]} of all recordings.', WIDTH)
+
+
+def laws(results):
+    """Lines of a table: the registry's law and another apart, of all trials that planted both."""
+    lines = [f'| | {" | ".join(f"{mode}: {form}" for mode in MODES for form in FORMS)} |',
+             '|---' * (1 + len(MODES) * len(FORMS)) + '|']
+    for what in OF_LAWS:
+        cells = []
+        for mode in MODES:
+            planted = [one.rows for one in _scored(results) if one.mode == mode
+                       and f'{what}: {FORMS[1]}' in one.rows]
+            cells += [cell(_together([rows[f'{what}: {form}'] for rows in planted]))
+                      if planted else '-' for form in FORMS]
+        lines.append(f'| {what} | {" | ".join(cells)} |')
+    return '\n'.join(lines)
 
 
 @dataclass(frozen=True)

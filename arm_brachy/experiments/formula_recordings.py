@@ -156,7 +156,7 @@ class Lasting:
         most = np.maximum.accumulate(push, axis=0)
         alone = alone * (1.0 + self.set_in * most / 0.008)
         total = alone.sum(axis=2, keepdims=True)
-        shared = alone * (1.0 - self.less * (total - alone) / (total + 1e-4))
+        shared = alone * (1.0 - self.less * (total - alone) / (np.abs(total) + 1e-4))
         lasting = remembered(shared.reshape(len(q), -1), self.time).reshape(shared.shape)
         shared = shared + self.late[:, None] * (lasting - shared)
         return np.einsum('mkp,kpc->mkc', shared, directions + self.aside)

@@ -78,6 +78,16 @@ def _terms(results):
     return '\n'.join(lines)
 
 
+def _single_faults(results):
+    lines = ['| fault | recordings | it alone is told | nothing | something else |',
+             '|---|---|---|---|---|']
+    for row in _load(results, 'single-faults')['rows']:
+        other = f'{row["something_else"]}: {row["what_else"]}' if row['what_else'] else '0'
+        lines.append(f'| {row["fault"]} | {row["recordings"]} | {row["fault_alone"]} '
+                     f'| {row["nothing"]} | {other} |')
+    return '\n'.join(lines)
+
+
 def _headline(results):
     """What a visitor asks first, a figure each, with the page that has the rest."""
     errors = {loop: max(r[f'{loop}_error_mm'] for r in _load(results, 'table-3.1')['rows'])
@@ -308,6 +318,7 @@ BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _s
             'faults': _dome_faults, 'gel': _gel_block, 'cylinder': _half_cylinder,
             'trials': blind_trials.markdown, 'scores': blind_trials.scores,
             'baselines': blind_trials.baselines, 'rate': blind_trials.rate,
+            'laws': blind_trials.laws, 'faults-alone': _single_faults,
             'hides': blind_trials.hidden, 'alike': blind_trials.alike,
             'headline': _headline, 'estimators': _estimators, 'feedback': _feedback,
             'procedures': _procedures,

@@ -16,6 +16,7 @@ NEAR = 0.2         # of the way between two markers, by which both may miss it t
 CLEAR = 3.0        # standard deviations between a pad that moved and one that did not
 GROWN = 2.0        # most that tissue moves beside the pad that pushes it
 UNDONE = 0.2       # of a step, that one which takes it back may leave
+ALONG = 0.9        # cosine between steps of what presses again
 
 
 @dataclass(frozen=True)
@@ -91,29 +92,62 @@ def event_findings(prepared, events, frames, follows):
 def _unless_undone(found):
     """Findings with slips that are taken back as what they were: a marker pressed for a while.
 
-    Glue that gave way does not come back: a slip is permanent, a press is undone.
+    Glue that gave way does not come back: a slip is permanent, a press is undone. What presses
+    takes its time, so that either way may be several steps. Where it pressed once, other steps of
+    the marker along the same line are of it as well.
     """
-    slips = sorted((one for one in found if one.term == 'marker_slip'),
-                   key=lambda one: one.t_start)
+    slips = {}
+    for one in sorted(found, key=lambda one: one.t_start):
+        if one.term == 'marker_slip':
+            slips.setdefault(one.channel, []).append(one)
     pressed = {}
-    for i, one in enumerate(slips):
-        back = next((other for other in slips[i + 1:] if other.channel == one.channel), None)
-        if back is None or id(one) in pressed or not _cancel(one, back):
-            continue
-        text = (f'{one.channel} alone jumps by {1e3 * np.linalg.norm(one.value):.2f} mm at '
-                f'{one.t_start:.2f} s and back at {back.t_start:.2f} s: something pressed it for '
-                'so long; a marker that slips stays away.')
-        for part in (one, back):
-            pressed[id(part)] = replace(part, term=None, parameter='', parameters={},
-                                        statement=text, rivals=('external_force',))
+    for steps in slips.values():
+        pressed |= _pressed(steps)
     return tuple(pressed.get(id(one), one) for one in found)
 
 
-def _cancel(one, back):
-    """True if the step of one Finding takes back that of another, within errors and UNDONE."""
-    left, size = one.value + back.value, np.linalg.norm(one.value)
-    return np.linalg.norm(left) < UNDONE * size + CLEAR * np.linalg.norm(
-        np.hypot(one.sd, back.sd)) and size > np.linalg.norm(left)
+def _pressed(slips):
+    """id -> what it is instead, of slips of one marker, in order, that a press explains."""
+    out, first = {}, 0
+    while first < len(slips):
+        back = next((k for k in range(first + 1, len(slips))
+                     if _cancel(slips[first:k + 1])), None)
+        if back is None:
+            first += 1
+            continue
+        one, last = slips[first], slips[back]
+        text = (f'{one.channel} alone jumps by {1e3 * np.linalg.norm(one.value):.2f} mm at '
+                f'{one.t_start:.2f} s and back at {last.t_start:.2f} s: something pressed it for '
+                'so long; a marker that slips stays away.')
+        out |= {id(part): _as_press(part, text) for part in slips[first:back + 1]}
+        first = back + 1
+    lines = [one.value for one in slips if id(one) in out]
+    for one in slips:
+        if id(one) not in out and any(_along(one.value, line) for line in lines):
+            out[id(one)] = _as_press(one, (
+                f'{one.channel} alone jumps by {1e3 * np.linalg.norm(one.value):.2f} mm at '
+                f'{one.t_start:.2f} s, along the line in which something pressed it before or '
+                'after.'))
+    return out
+
+
+def _as_press(one, text):
+    return replace(one, term=None, parameter='', parameters={}, statement=text,
+                   rivals=('external_force',))
+
+
+def _cancel(steps):
+    """True if the last of some Findings takes back what went before, within errors and UNDONE."""
+    *before, back = (one.value for one in steps)
+    size = max(np.linalg.norm(one) for one in np.cumsum(before, axis=0))
+    left = np.linalg.norm(np.sum(before, axis=0) + back)
+    errors = np.linalg.norm(np.linalg.norm([one.sd for one in steps], axis=0))
+    return left < UNDONE * size + CLEAR * errors and left < size
+
+
+def _along(one, other):
+    """True if two steps (3,) are along one line, either way, within some 25 degrees."""
+    return abs(one @ other) > ALONG * np.linalg.norm(one) * np.linalg.norm(other)
 
 
 def _judge(prepared, event, frames, follows):

@@ -8,7 +8,8 @@ import pytest
 from arm_brachy.devices.em_tracker import EmTrackerParams
 from arm_brachy.devices.force_sensor import ForceSensorParams
 from arm_brachy.devices.optical_tracker import OpticalParams
-from arm_brachy.diagnosis.isolation.events import events_of
+from arm_brachy.diagnosis.isolation.events import _unless_undone, events_of
+from arm_brachy.diagnosis.results.finding import Finding
 from arm_brachy.registry import parse_terms
 
 ONSET = 9.0
@@ -77,6 +78,26 @@ def test_a_slip_is_permanent_a_press_is_undone(happened, back, slipped):
     assert all(f.term == 'marker_slip' or 'external_force' in f.rivals for f in found)
     assert all(f.channel == 'tissue_5' and f.onset is not None for f in found)
     assert len(found) == (1 if back == 0.0 else 2)
+
+
+def slip(t, *offset_mm, sd_mm=0.02):
+    return Finding('optical', 'tissue_5', 'marker_slip', 'offset', 1e-3 * np.array(offset_mm), 'm',
+                   1e-3 * np.full(3, sd_mm), 20.0, t, t + 0.1, 'tissue_5 alone jumps')
+
+
+@pytest.mark.parametrize(('steps', 'slipped'), [
+    ([(10.0, 0.0, 1.0, 0.0), (14.0, 0.0, -0.5, 0.0), (14.1, 0.0, -0.46, 0.0)], 0),
+    ([(10.0, 0.0, 0.6, 0.0), (10.2, 0.0, 0.4, 0.0), (14.0, 0.0, -1.0, 0.0)], 0),
+    ([(10.0, 0.0, 1.0, 0.0), (14.0, 0.0, -1.0, 0.0), (30.0, 0.1, 1.0, 0.0),
+      (34.0, 0.0, -0.5, 0.0)], 0),
+    ([(10.0, 0.0, 1.0, 0.0), (14.0, 0.0, -1.0, 0.0), (30.0, 0.8, 0.0, 0.0)], 1),
+    ([(10.0, 0.0, 1.0, 0.0), (14.0, 0.0, -0.5, 0.0)], 2)],
+    ids=['released in two steps', 'pressed in two steps', 'pressed again, half seen to go',
+         'pressed, and slipped aside', 'half of the way back'])
+def test_a_press_may_come_and_go_in_several_steps(steps, slipped):
+    found = _unless_undone([slip(*one) for one in steps])
+    assert [one.term for one in found].count('marker_slip') == slipped
+    assert all(one.term or one.rivals == ('external_force',) for one in found)
 
 
 def test_lost_steps_move_the_pad_and_what_follows_it(happened):
