@@ -318,7 +318,7 @@ BUILDERS = {'nodes': _nodes, 'terms': _terms, 'results': _results, 'solvers': _s
             'faults': _dome_faults, 'gel': _gel_block, 'cylinder': _half_cylinder,
             'trials': blind_trials.markdown, 'scores': blind_trials.scores,
             'baselines': blind_trials.baselines, 'rate': blind_trials.rate,
-            'laws': blind_trials.laws, 'faults-alone': _single_faults,
+            'laws': blind_trials.laws, 'singles': _single_faults,
             'hides': blind_trials.hidden, 'alike': blind_trials.alike,
             'headline': _headline, 'estimators': _estimators, 'feedback': _feedback,
             'procedures': _procedures,
