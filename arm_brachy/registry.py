@@ -141,7 +141,7 @@ def _row(term):
                              f'`{f.name}` (default {f.default!r})'
                              for f in dataclasses.fields(term))
     cells = (f'`{spec.name}`', spec.summary, spec.kind.value, f'`{spec.equation}`', parameters,
-             spec.source, spec.invisible_when or 'none known', spec.leaves_open or 'none known')
+             spec.source, spec.invisible_when or 'none known', spec.leaves_open)
     return '| ' + ' | '.join(cell.replace('|', '\\|') for cell in cells) + ' |'
 
 

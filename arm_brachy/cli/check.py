@@ -115,7 +115,8 @@ def _strokes(bags, scene):
         went = dict(zip(run.encoder_pads, MM * run.encoder.values.T, strict=True))
         for pad in scene.pads:
             q = went.get(pad.name)
-            low, high = (None, None) if q is None else (float(np.nanmin(q)), float(np.nanmax(q)))
+            told = [] if q is None else q[np.isfinite(q)]
+            low, high = map(float, (np.min(told), np.max(told))) if len(told) else (None, None)
             out.append({'bag': str(bag), 'pad': pad.name, 'from_mm': low, 'to_mm': high,
                         'stroke_mm': MM * pad.stroke})
     return out

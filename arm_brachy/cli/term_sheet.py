@@ -28,7 +28,7 @@ def term_sheet(name):
     parts = [*textwrap.wrap(f'{spec.name}: {spec.summary} ({spec.kind.value})', WIDTH), '',
              *_named('equation', spec.equation), *_named('source', spec.source),
              *_named('invisible', spec.invisible_when or 'never, as far as is known'),
-             *_named('left open', spec.leaves_open or 'nothing, as far as is known')]
+             *_named('left open', spec.leaves_open)]
     for field in dataclasses.fields(term):
         parts += _parameter(term, field)
     return '\n'.join([*parts, '', 'in a scenario, under `plant` or `model`:', _entry(term)])

@@ -54,7 +54,7 @@ def target_fault(known, estimate, image, fresh):
     return Outcome.STALE_INPUT, (
         'neither an estimate nor the images say where the target is: '
         f'{_last("estimate", estimate)}, {_last("image of it (ultrasound/target)", image)}; must '
-        f'be within {fresh:g} s, images also agree with each other: look at the markers')
+        f'be at most {fresh:g} s old, and images must agree with each other: look at the markers')
 
 
 def _last(what, age):

@@ -41,7 +41,8 @@ class TermSpec:
     equation : plain text, symbols as in `symbols` of the docstring
     source : book, paper or data sheet with equation or page number
     invisible_when : from which recordings it cannot be seen, in one line ('' = none known)
-    leaves_open : what the same effect may be in nature besides what the law says, in one line
+    leaves_open : what the same effect may be in nature besides what the law says, in one line;
+        only a term of the numerics has none
     load_cases : different pushes without which a load would do as well (theorem T6 of the tests)
     timed : True for a body term whose memory is but the clock: what it does in a step follows from
         the time at its end, not from what was before

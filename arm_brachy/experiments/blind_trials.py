@@ -96,7 +96,7 @@ def laws(results):
         cells = []
         for mode in MODES:
             planted = [one.rows for one in _scored(results) if one.mode == mode
-                       and f'{what}: {FORMS[1]}' in one.rows]
+                       and one.rows.get(f'{what}: {FORMS[1]}', {}).get('of')]
             cells += [cell(_together([rows[f'{what}: {form}'] for rows in planted]))
                       if planted else '-' for form in FORMS]
         lines.append(f'| {what} | {" | ".join(cells)} |')

@@ -28,7 +28,7 @@ from arm_brachy.tissue.mesh_command import mesh_command
 SAMPLE = config_dir() / 'imports' / 'phantom'
 SURFACE, RECORDING = 'phantom.stl', Path('monday') / 'push_1'
 RADIUS, HEIGHT = 53e-3, 60e-3       # m, half axes of the phantom
-EDGE_MM = 9.0                       # of the mesh that is recorded; the tutorial takes 8
+EDGE_MM = 9.0                       # of the mesh that is recorded; the tutorial takes 12
 FAULT = {'name': 'actuator_gain', 'gain': -0.07, 'actuators': [0]}     # of the eastern pad
 SEED = 7
 LATE = 35e-3        # s, by which the EM tracker's clock is behind, as the column map says

@@ -122,7 +122,7 @@ class Fault:
 
     name : of the row;  right : kinds, as of `kind`, that say so, none = nothing to tell
     goes : (t, counted (m, p), travel -> forces (m, p)) -> where the pads are (m, p) [m]
-    spoil : (rng, RunData, Scene) -> RunData
+    spoil : (rng, RunData, Scene) -> RunData;  em : formula_recordings.Sensor, None = as drawn
     """
 
     name: str
@@ -148,13 +148,13 @@ def drawn(fault, number):
     """The Case of a Fault and a number."""
     rng = stream(SEED, f'{NAME}/{fault.name}/{number}')
     scene = make_scene(MARKERS)
-    t, counted = pushes(rng, DURATION)
+    t, encoder = pushes(rng, DURATION)
     body = Lasting.drawn(rng, len(scene.markers) + len(scene.targets), len(scene.pads))
-    q = fault.goes(t, counted, body.pushed_back)
+    q = fault.goes(t, encoder, body.pushed_back)
     sensors = {kind: sensor(rng, kind) for kind in SIZES} | {'encoder': ENCODER}
     if fault.em is not None:
         sensors['em'] = fault.em
-    run = record(rng, scene, body, (t, q), sensors, counted)
+    run = record(rng, scene, body, (t, q), sensors, encoder)
     return Case(fault.spoil(rng, run, scene), scene, sensors, 'lasting', (t, q))
 
 

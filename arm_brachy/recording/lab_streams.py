@@ -132,10 +132,12 @@ class LabStreams:
 
     def _compare_clocks(self):
         """Note, or refuse, streams whose clocks may be off."""
-        spans = np.array([span for span, _, _ in self.parts]) / SECOND
+        stamps = np.array([span for span, _, _ in self.parts])      # [ns], may be since 1970
+        spans = (stamps - stamps.min()) / SECOND
         names = [_called(topics) for _, topics, _ in self.parts]
-        said = ', '.join(f'{name} {begin:.6g} to {end:.6g} s'
-                         for name, (begin, end) in zip(names, spans, strict=True))
+        said = 'after the first sample, ' + ', '.join(
+            f'{name} {begin:.6g} to {end:.6g} s'
+            for name, (begin, end) in zip(names, spans, strict=True))
         shared = np.minimum(spans[:, 1], spans[0, 1]) - np.maximum(spans[:, 0], spans[0, 0])
         for k in np.flatnonzero(shared < 0.0):
             raise RecordingError(

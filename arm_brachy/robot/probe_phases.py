@@ -142,9 +142,10 @@ class Phases:
     def _lost_sight(self, now):
         """Faults of the tip and of the plan; True if the phase has ended."""
         if now.tip_age is None or now.tip_age > self._params.tip_patience:
-            age = 'never' if now.tip_age is None else f'{now.tip_age:.1f} s ago'
-            self._enter(Phase.RETRACT, Outcome.STALE_INPUT, f'needle/tip: last heard of {age}; '
-                        f'must be within {self._params.tip_patience:g} s: look at needle_driver')
+            heard = ('never heard of' if now.tip_age is None
+                     else f'last heard of {now.tip_age:.1f} s ago')
+            self._enter(Phase.RETRACT, Outcome.STALE_INPUT, f'needle/tip: {heard}; must be within '
+                        f'{self._params.tip_patience:g} s: look at needle_driver')
         elif now.plan is not None and not now.plan.outcome.ok:
             self._enter(Phase.HOLD, now.plan.outcome, now.plan.message)
         return self.phase not in (Phase.APPROACH, Phase.FOLLOW)

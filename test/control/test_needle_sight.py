@@ -22,5 +22,5 @@ def test_a_target_that_nothing_shows_is_told_with_the_age_of_either():
     outcome, text = target_fault(False, 1.24, np.inf, 0.5)
     assert outcome is Outcome.STALE_INPUT
     assert 'the last estimate is 1.2 s old, no image of it (ultrasound/target) came' in text
-    assert 'must be within 0.5 s' in text
+    assert 'must be at most 0.5 s old' in text
     assert target_fault(True, np.inf, 0.1, 0.5) is None

@@ -66,7 +66,7 @@ def test_the_planted_cause_is_named_with_its_size(world):
 def test_a_cause_in_two_channels_that_are_not_told_apart_comes_as_a_class(world):
     """A gain of one of two sensors is the inverse gain of the other beside another modulus."""
     east, west, north = world.responses[:3]
-    gains = [Explanation('gain', name, 3.0 * one[:, None], channel=(('pads', (name,)),))
+    gains = [Explanation('gain', name, 3.0 * one[:, None], channel=frozenset([name]))
              for name, one in (('east', east), ('west', west), ('north', north))]
     world.nuisance = np.column_stack([world.nuisance, 50.0 * (east + west)])
     decision = world.decide(1.2 * east, *gains, cause=lambda i: i > 2)
@@ -80,6 +80,24 @@ def test_a_cause_in_two_channels_that_are_not_told_apart_comes_as_a_class(world)
     assert alone.verdict == 'named'         # without another modulus they are told apart
 
 
+def test_a_channel_among_several_is_no_other_channel(world):
+    """Where the other pads do not push, a play of all of them is that of the one that does."""
+    one, every = (Explanation('play', name, 3.0 * world.responses[0][:, None],
+                              channel=frozenset(channel))
+                  for name, channel in (('east', ['east']), ('both', ['east', 'west'])))
+    decision = world.decide(1.2 * world.responses[0], one, every, cause=lambda i: i > 0)
+    assert decision.verdict == 'named' and decision.accepted.causes == ('play',)
+
+
+def test_a_channel_in_which_it_would_have_to_be_absurdly_large_is_no_rival(world):
+    ways = [Explanation('gain', name, size * 3.0 * world.responses[0][:, None],
+                        channel=frozenset([name]))
+            for name, size in (('east', 1.0), ('west', 1e-3))]
+    decision = world.decide(1.2 * world.responses[0], *ways, cause=lambda i: i > 0)
+    assert decision.verdict == 'named'
+    assert decision.accepted.explanations[0].variant == 'east'
+
+
 def test_two_places_in_the_body_are_no_class(world):
     """Of a place an interval says how well it is known."""
     here, there = (Explanation('lump', name, 3.0 * world.responses[0][:, None] * by)
@@ -91,7 +109,7 @@ def test_two_places_in_the_body_are_no_class(world):
 def test_a_channel_in_which_it_would_have_to_be_less_than_nothing_is_no_rival(world):
     """Nothing is lost twice: of two pads the one that would have to gain play is out."""
     ways = [Explanation('play', name, sign * 3.0 * world.responses[0][:, None], one_sided=(True,),
-                        channel=(('actuators', (i,)),))
+                        channel=frozenset([i]))
             for i, (name, sign) in enumerate((('east', 1.0), ('west', -1.0)))]
     decision = world.decide(1.2 * world.responses[0], *ways, cause=lambda i: i > 0)
     assert decision.verdict == 'named'

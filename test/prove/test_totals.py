@@ -52,7 +52,7 @@ def test_shares_count_what_they_say():
 
 def test_laws_are_counted_apart():
     own = effect('backlash', {'width_mm': 0.2}, form='registry', same=['width_mm'])
-    other = effect('backlash', {'width_mm': 0.2}, form='from_mid_gap', same=[])
+    other = effect('backlash', {'width_mm': 0.2}, form='rounded', same=[])
     right = answer('named', cause('backlash', probability=0.9))
     wrong = answer('named', cause('gravity', probability=0.6))
     rows = [score(record(given, case=f'case_{i}'), true) for i, (given, true) in enumerate([

@@ -89,30 +89,33 @@ def test_recordings_of_one_map_have_names_of_their_own(rig):
             for name in (None, 'second')] == ['test', 'second']
 
 
+@pytest.mark.parametrize('zero', [0, 1_760_000_000], ids=['from zero', 'since 1970'])
 @pytest.mark.parametrize(('begin', 'notes'), [(0.0, 0), (1.5, 0), (9.0, 1), (-9.0, 1)])
-def test_streams_that_begin_seconds_apart_are_told_in_one_line(rig, begin, notes):
-    found = [note for note in clocks(rig, begin)['notes'] if 'apart' in note]
+def test_streams_that_begin_seconds_apart_are_told_in_one_line(rig, begin, notes, zero):
+    found = [note for note in clocks(rig, begin, zero)['notes'] if 'apart' in note]
     assert len(found) == notes
+    left, right = max(-begin, 0.0), max(begin, 0.0)
     for note in found:
-        assert (f'actuators/state 0 to 20 s, optical/markers {begin:g} to {20 + begin:g} s; 11 s '
-                'are common to all') in note
+        assert (f'after the first sample, actuators/state {left:g} to {20 + left:g} s, '
+                f'optical/markers {right:g} to {20 + right:g} s; 11 s are common to all') in note
         assert 'clock_offset_ms' in note and '\n' not in note
 
 
 def test_streams_that_share_no_time_are_refused(rig):
     with pytest.raises(RecordingError, match='actuators/state and optical/markers share no time: '
-                       'actuators/state 0 to 20 s, optical/markers 30 to 50 s; must overlap'):
+                       'after the first sample, actuators/state 0 to 20 s, optical/markers 30 to '
+                       '50 s; must overlap'):
         clocks(rig, 30.0)
 
 
-def clocks(rig, begin):
-    """The import of 20 s of encoders and of a camera whose clock has another begin [s]."""
+def clocks(rig, begin, zero=0):
+    """The import of 20 s of encoders, from `zero` [s], and of a camera `begin` [s] later."""
     (rig / 'map.yaml').write_text(
         "name: two\nencoders: [{csv: {path: enc.csv, time: t}, columns: '{key}', unit: mm}]\n"
         "optical: [{csv: {path: opt.csv, time: t}, columns: '{key}_{axis}', unit: mm}]\n")
-    (rig / 'enc.csv').write_text('t,left\n' + ''.join(f'{0.5 * k},0\n' for k in range(41)))
+    (rig / 'enc.csv').write_text('t,left\n' + ''.join(f'{zero + 0.5 * k},0\n' for k in range(41)))
     (rig / 'opt.csv').write_text('t,a_x,a_y,a_z\n' + ''.join(
-        f'{begin + 0.5 * k},4,5,6\n' for k in range(41)))
+        f'{zero + begin + 0.5 * k},4,5,6\n' for k in range(41)))
     return import_csv(rig / 'map.yaml', rig / 'bag')
 
 

@@ -37,10 +37,11 @@ def believed(clocks, slack):
 
     What is no fault is drawn towards zero by the slack [s] that calibration leaves a clock.
     """
-    return {kind: _believed(one, slack) for kind, one in clocks.items()}
+    return {kind: _towards_zero(one, slack) for kind, one in clocks.items()}
 
 
-def _believed(one, slack):
+def _towards_zero(one, slack):
+    """A Lateness: a fault as it is, another's posterior beside a clock right to slack [s]."""
     if sigma(one.value, one.sd, slack) > LIMIT:
         return one
     trust = slack**2 / (slack**2 + one.sd**2)

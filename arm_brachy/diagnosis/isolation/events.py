@@ -14,7 +14,7 @@ ASIDE = 4.0        # standard deviations across the push that no actuator can ma
 WEAK = 3.0         # z at which a step counts as a companion of a strong one
 NEAR = 0.2         # of the way between two markers, by which both may miss it that exchange names
 CLEAR = 3.0        # standard deviations between a pad that moved and one that did not
-GROWN = 2.0        # most that tissue moves beside the pad that pushes it
+GROWN = 2.0        # most that tissue moves beside the pad that pushes it; of one press to another
 UNDONE = 0.2       # of a step, that one which takes it back may leave
 ALONG = 0.9        # cosine between steps of what presses again
 
@@ -94,7 +94,7 @@ def _unless_undone(found):
 
     Glue that gave way does not come back: a slip is permanent, a press is undone. What presses
     takes its time, so that either way may be several steps. Where it pressed once, other steps of
-    the marker along the same line are of it as well.
+    the marker along the same line that are not much larger are of it as well.
     """
     slips = {}
     for one in sorted(found, key=lambda one: one.t_start):
@@ -145,9 +145,10 @@ def _cancel(steps):
     return left < UNDONE * size + CLEAR * errors and left < size
 
 
-def _along(one, other):
-    """True if two steps (3,) are along one line, either way, within some 25 degrees."""
-    return abs(one @ other) > ALONG * np.linalg.norm(one) * np.linalg.norm(other)
+def _along(one, line):
+    """True if a step (3,) goes along that of a press, either way, and is no GROWN larger."""
+    size, pressed = np.linalg.norm(one), np.linalg.norm(line)
+    return abs(one @ line) > ALONG * size * pressed and size <= GROWN * pressed
 
 
 def _judge(prepared, event, frames, follows):

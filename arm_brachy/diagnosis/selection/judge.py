@@ -37,7 +37,7 @@ class Explanation:
     log_prior : of the cause before the data, natural logarithm
     load_cases : different pushes that it takes to tell it from a load
     one_sided : per parameter True if it cannot be negative; () = all can
-    channel : what carries it, as pad, sensor or marker, hashable; () = a place in the body, if any
+    channel : actuators, sensors, markers or streams that carry it, empty = none of them, or all
     """
 
     cause: str
@@ -46,7 +46,7 @@ class Explanation:
     log_prior: float = 0.0
     load_cases: int = 1
     one_sided: tuple = ()
-    channel: tuple = ()
+    channel: frozenset = frozenset()
 
     @property
     def limited(self):
@@ -527,37 +527,44 @@ class Judge:
                     continue
                 apart = self._apart(accepted, rival)
                 close = accepted.evidence - rival.evidence < self.rules.rival
-                told = self._fits_better(accepted, rival)
-                absurd = self._lead(accepted, rival) >= self.rules.certain
-                predicts = rival.held_out - accepted.held_out >= self.rules.held_out and not told
-                alike = apart < self.rules.apart and not told and not absurd or (
+                predicts = (rival.held_out - accepted.held_out >= self.rules.held_out
+                            and not self._fits_better(accepted, rival))
+                alike = self._alike(accepted, rival, apart) or (
                     (close or predicts) and self._claims(rival, over=rest))
                 if alike and not self._gone(rival):
                     out.append(replace(rival, separation=apart))
         return tuple(out)
 
+    def _alike(self, accepted, rival, apart):
+        """True if a rival, `apart` [sd] from it, is not told from what was accepted.
+
+        Neither by how well they fit nor by the size that it would have to have.
+        """
+        return (apart < self.rules.apart and not self._fits_better(accepted, rival)
+                and self._lead(accepted, rival) < self.rules.certain)
+
     def _in_other_channels(self, accepted):
         """Candidates of its cause in other channels that are not told from a single Candidate.
 
         As of two sensors, whose gains are each other's inverse beside another modulus. Of a place
-        in the body an interval says how well it is known.
+        in the body an interval says how well it is known; several channels that hold the accepted
+        one are it and something else.
         """
         if len(accepted.explanations) > 1 or not accepted.explanations[0].channel:
             return ()
         mine, = accepted.explanations
-        best, out = {}, []
+        others, out = {}, []
         for e in self._variants[mine.cause]:
-            one = self._candidate((e,), accepted.paid)
-            if e.channel not in ((), mine.channel) and (
-                    e.channel not in best or one.evidence > best[e.channel].evidence):
-                best[e.channel] = one
-        for one in best.values():
+            if e.channel and not e.channel & mine.channel:
+                others.setdefault(e.channel, []).append(self._candidate((e,), accepted.paid))
+        for one in _sorted(max(some, key=lambda c: c.evidence) for some in others.values()):
             apart = self._apart(accepted, one)
-            if apart < self.rules.apart and self._all.sign(
-                    self._of(one.explanations)) >= -self.rules.rival:
-                rival = self._weighed(one) if accepted.weighed else one
-                if not self._fits_better(accepted, rival) and not self._gone(rival):
-                    out.append(replace(rival, separation=apart))
+            if apart >= self.rules.apart or self._all.sign(
+                    self._of(one.explanations)) < -self.rules.rival:
+                continue
+            rival = self._weighed(one) if accepted.weighed else one
+            if self._alike(accepted, rival, apart) and not self._gone(rival):
+                out.append(replace(rival, separation=apart))
         return tuple(out)
 
     def _fits_better(self, accepted, rival):

@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 from arm_brachy.diagnosis.likelihood.discretisation import NAMES
 from arm_brachy.diagnosis.likelihood.nuisances import MODULUS
 from arm_brachy.diagnosis.likelihood.null_calibration import set_up_of
-from arm_brachy.diagnosis.results.channels import CARRIERS, whereabouts
+from arm_brachy.diagnosis.results.channels import whereabouts
 from arm_brachy.diagnosis.selection.judge import Explanation, Problem
 from arm_brachy.diagnosis.selection.misfit_tests import in_directions, structured_tests
 from arm_brachy.diagnosis.statistics.linear_gaussian import posterior
@@ -98,8 +98,16 @@ def load_cases(matched, sound=0):
 
 
 def carried_by(hypothesis):
-    """What carries an effect, (key, value) pairs; () if nothing does but a place or the body."""
-    return tuple((key, hypothesis.place[key]) for key in CARRIERS if key in hypothesis.place)
+    """Actuators, sensors, markers or streams that carry an effect; empty if none does, or all.
+
+    What metal or a weight is fixed to says where it is, and is no channel.
+    """
+    out = set()
+    for key in ('actuators', 'pads', 'marker', 'markers', 'tools', 'stream'):
+        one = hypothesis.place.get(key, ())
+        out |= {(key.removesuffix('s'), name)
+                for name in (one if isinstance(one, tuple) else (one,))}
+    return frozenset(out)
 
 
 def stacked_nuisances(matched, sound=0):

@@ -32,7 +32,7 @@ def heavy_inside(model, body, v, modulus):
 
 
 def heavy_below(model, body, v, modulus):
-    """Density falls from the base to the top, by a fifth of its mean either way."""
+    """Density falls from the base to the top, at most by a fifth of its mean from that."""
     density = body.density * (1 - 0.2 * height(model))
     return loaded(model, loads.weight(model.grid, density, np.array(v['added_m_s2']) / modulus))
 
@@ -105,7 +105,7 @@ def long_debond(model, body, v, modulus, longer=1.5):
 def peeled(model, body, v, modulus):
     """The base has peeled from its rim inwards, at the side of the disc, by half its area.
 
-    At the rim glue bears more than in the middle: of all the area tissue feels 2.7 times as much.
+    At the rim glue bears more than in the middle: all of the area would be felt too much.
     """
     out = np.array(v['centre_mm'])[:2]
     out = out / np.linalg.norm(out)
@@ -186,19 +186,20 @@ OTHER_MOUNTED = {
 }
 OTHER_MOTION = {'pausing': pausing_motion, 'bulging': plate_at_rest}
 OTHER_BOUNDARY = {
-    'gravity': {'heavy_inside': Form(heavy_inside, ('added_m_s2',)),
-                'heavy_below': Form(heavy_below, ('added_m_s2',))},
+    'gravity': {'heavy_inside': Form(heavy_inside, same=('added_m_s2',)),
+                'heavy_below': Form(heavy_below, same=('added_m_s2',))},
     'reference_shape': {'plateau': Form(shape_of(flat_bump)), 'barrel': Form(shape_of(barrel))},
-    'pad_misplacement': {'aside_alone': Form(mounted(aside_alone), ('up_mm', 'side_mm', 'pads')),
-                         'bent_frame': Form(mounted(bent_frame), ('pads',))},
+    'pad_misplacement': {
+        'aside_alone': Form(mounted(aside_alone), same=('up_mm', 'side_mm', 'pads')),
+        'bent_frame': Form(mounted(bent_frame), same=('pads',))},
     'base_compliance': {'one_side_softer': Form(one_side_softer),
                         'soft_in_the_middle': Form(soft_in_the_middle)},
     'base_debond': {'ellipse': Form(long_debond), 'peeled': Form(peeled)},
-    'obstacle': {'round': Form(round_obstacle, ('centre_mm',)),
-                 'foam': Form(foam, ('centre_mm',))},
+    'obstacle': {'round': Form(round_obstacle, same=('centre_mm',)),
+                 'foam': Form(foam, same=('centre_mm',))},
     'external_force': {
-        'flat_punch': Form(flat_punch, ('force_N', 'centre_mm', 'onset_s', 'duration_s')),
-        'rises_and_falls': Form(rises_and_falls, ('centre_mm', 'onset_s'))},
-    'breathing': {'pausing': Form(pausing, ('amplitude_mm', 'frequency_Hz')),
-                  'bulging': Form(bulging, ('frequency_Hz', 'phase_deg'))},
+        'flat_punch': Form(flat_punch, same=('force_N', 'centre_mm', 'onset_s', 'duration_s')),
+        'rises_and_falls': Form(rises_and_falls, same=('centre_mm',))},
+    'breathing': {'pausing': Form(pausing, same=('amplitude_mm', 'frequency_Hz')),
+                  'bulging': Form(bulging, same=('frequency_Hz', 'phase_deg'))},
 }

@@ -192,7 +192,7 @@ def matrix(v):
 
 
 def warming(streams, v, time=20.0):
-    """The zero settles: all of a bias, and what a rate comes to in a minute, by that time."""
+    """The zero settles: after a minute it is all of a bias, and what a rate comes to by then."""
     share = settled(streams['forces'].true, time) / settled(MINUTE, time)
     add(streams['forces'], v, share[:, None] * after_a_minute(v))
 

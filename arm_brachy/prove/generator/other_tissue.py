@@ -216,19 +216,20 @@ def softening_from_a_threshold(v):
 
 
 OTHER_TISSUE = {
-    'stiffness_scale': {'shear_alone': Form(shear_alone, ('factor',)),
+    'stiffness_scale': {'shear_alone': Form(shear_alone, same=('factor',)),
                         'more_below': Form(more_below)},
     'compressibility': {'graded': Form(bulk_graded), 'inside': Form(bulk_inside)},
     'stiffness_gradient': {'two_layers': Form(two_layers),
                            'linear_modulus': Form(linear_modulus)},
     'skin_layer': {'uneven': Form(uneven_skin), 'thick_on_top': Form(skin_thick_on_top)},
-    'inclusion': {'ellipsoid': Form(ellipsoid, ('centre_mm', 'radius_mm', 'ratio')),
-                  'soft_edge': Form(soft_edge, ('centre_mm',))},
+    'inclusion': {'ellipsoid': Form(ellipsoid, same=('centre_mm', 'radius_mm', 'ratio')),
+                  'soft_edge': Form(soft_edge, same=('centre_mm',))},
     'strain_stiffening': {'exponential': Form(exponential), 'late': Form(late)},
     'anisotropy': {'along_the_skin': Form(along_the_skin), 'twisted': Form(twisted)},
-    'swelling_drift': {'levels_off': Form(swells_less_and_less, ('onset_s',)),
-                       'shell': Form(shell_dries, ('onset_s',))},
-    'stiffness_drift': {'levels_off': Form(sets_less_and_less, ('onset_s',)),
+    # A steady drift that resembles one that levels off most begins before it.
+    'swelling_drift': {'levels_off': Form(swells_less_and_less),
+                       'shell': Form(shell_dries, same=('onset_s',))},
+    'stiffness_drift': {'levels_off': Form(sets_less_and_less),
                         'sets_in': Form(sets_in)},
 }
 OTHER_MEMORY = {

@@ -1,4 +1,7 @@
-"""The `World` of a case: fine response of the body, and coarse differences for its effects."""
+"""The `World` of a case: fine response of the body, and differences for its effects.
+
+These are of two solutions on a coarser mesh, but for loads on a spot.
+"""
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,8 +30,8 @@ from arm_brachy.prove.generator.world import Change, World
 
 MOUNTED = {'pad_misplacement': misplaced, 'reference_shape': met}
 DRIFTS = {'stiffness_drift': stiffness_drift}
-# What acts on a spot some elements wide is solved on the body's own mesh: eight faces of the
-# coarse one, 13 mm from a marker, were off by 0.4 mm of 4.
+# What acts on a spot some elements wide is solved on the body's own mesh: the coarse one has some
+# eight faces under it.
 LOCAL = ('external_force',)
 
 

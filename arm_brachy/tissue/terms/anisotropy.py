@@ -46,7 +46,7 @@ class Anisotropy(BodyTerm):
         invisible_when='the fibres are not strained; pushed by one pad alone, it hardly differs '
                        'from another modulus or a gradient of it',
         leaves_open='fibres that follow the shape or turn from place to place; two families; '
-                    'fibres that bear no pressure')
+                    'fibres that carry tension only')
 
     @property
     def direction(self):

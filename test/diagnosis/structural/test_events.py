@@ -91,9 +91,11 @@ def slip(t, *offset_mm, sd_mm=0.02):
     ([(10.0, 0.0, 1.0, 0.0), (14.0, 0.0, -1.0, 0.0), (30.0, 0.1, 1.0, 0.0),
       (34.0, 0.0, -0.5, 0.0)], 0),
     ([(10.0, 0.0, 1.0, 0.0), (14.0, 0.0, -1.0, 0.0), (30.0, 0.8, 0.0, 0.0)], 1),
+    ([(10.0, 0.0, 1.0, 0.0), (14.0, 0.0, -1.0, 0.0), (30.0, 0.0, 5.0, 0.0)], 1),
     ([(10.0, 0.0, 1.0, 0.0), (14.0, 0.0, -0.5, 0.0)], 2)],
     ids=['released in two steps', 'pressed in two steps', 'pressed again, half seen to go',
-         'pressed, and slipped aside', 'half of the way back'])
+         'pressed, and slipped aside', 'pressed, and slipped far along',
+         'half of the way back'])
 def test_a_press_may_come_and_go_in_several_steps(steps, slipped):
     found = _unless_undone([slip(*one) for one in steps])
     assert [one.term for one in found].count('marker_slip') == slipped
