@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 from scipy.stats import binomtest
 
-from arm_brachy.prove.score import FORMS
-
 # Folders of results/trials: commits of the detector, in order.
 TRIALS = ('bc215fd', 'bda5ad8', 'c10f951', '1bd0120', 'fe474c0', 'b6f6b5d',
           '33dd338', 'bb92e09', '6fa7b70', '2bbea98', '4b85996', 'a402a85', '7937077',
@@ -21,6 +19,8 @@ COUNTED = {'top-1, all singles': 'top-1, all singles',
            'false alarms, nulls': 'false alarms, nulls',
            'wrong claims, all cases': 'wrong claims, or no answer',
            'held-out recovery': 'held-out recovery'}
+# Whether what is planted follows the registry's law.
+FORMS = OWN, OTHER = "the registry's law", 'another law'
 OF_LAWS = ('top-1, identifiable singles', 'top-1, all singles', 'wrong claims, or no answer')
 HIDES = 'what-hides'      # file of `prove.what_hides`
 ALIKE = 'alike'           # file of `prove.alike`

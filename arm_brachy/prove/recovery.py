@@ -19,9 +19,10 @@ from arm_brachy.diagnosis.model.forward import STAGES, ForwardModel
 from arm_brachy.diagnosis.model.specimen import specimen_of
 from arm_brachy.diagnosis.signals.motion import Path as Travel
 from arm_brachy.diagnosis.signals.stream import FORCE
+from arm_brachy.experiments.blind_trials import OWN
 from arm_brachy.experiments.diagnosis_score import MESH
 from arm_brachy.prove.folder import read_json, write_json
-from arm_brachy.prove.score import OWN, form_of
+from arm_brachy.prove.score import form_of
 from arm_brachy.registry import by_name, parse_terms
 
 INSTANTS = 12       # that are solved for: a state takes about a second

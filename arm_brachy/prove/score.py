@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from arm_brachy.experiments.blind_trials import OTHER, OWN
 from arm_brachy.experiments.diagnosis_score import RECALIBRATED, explanations
 from arm_brachy.prove.detail import EMPTY, details
 from arm_brachy.prove.generator.form import REGISTRY
@@ -21,7 +22,6 @@ from arm_brachy.prove.outcome import (
 )
 from arm_brachy.prove.plan import CONFOUNDED, NULL, STRANGE
 
-FORMS = OWN, OTHER = "the registry's law", 'another law'
 SEEN = 5.0      # sd: of the effect, and from every rival, for a case to count as identifiable
 
 

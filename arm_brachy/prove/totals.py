@@ -4,10 +4,10 @@ import numpy as np
 from scipy.stats import binomtest
 
 from arm_brachy.evaluation.result import Target
+from arm_brachy.experiments.blind_trials import FORMS
 from arm_brachy.prove.answering import ABSOLUTE, SUPPLIED
 from arm_brachy.prove.outcome import ABSTAINED, FAILED, RIGHT, SILENT
 from arm_brachy.prove.plan import CONFOUNDED, NULL, PAIR, SINGLE, STRANGE
-from arm_brachy.prove.score import FORMS
 
 BINS = ((0.2, 0.5), (0.5, 1.0), (1.0, 2.0))     # of the typical size
 LIKELY = 0.95                                   # of the intervals
