@@ -491,8 +491,8 @@ def test_contact_lost_for_good_ends_the_procedure_by_name():
 BLIND = [('depth', Outcome.OUT_OF_IMAGE, '70 mm from the face'),
          ('sight', Outcome.TIP_NOT_SEEN, 'found in an image'),
          ('plane', Outcome.STALE_INPUT, 'the tip is nan m from the image plane; must be a number'),
-         ('target', Outcome.STALE_INPUT, 'no image of it (ultrasound/target) came; must be at most '
-          '0.5 s old')]
+         ('target', Outcome.STALE_INPUT, 'no image of it (ultrasound/target) came; must be at '
+          'most 0.5 s old')]
 
 
 @pytest.mark.parametrize(('broken', 'outcome', 'said'), BLIND)
