@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 
 from arm_brachy.core.paths import share_dir
 from arm_brachy.core.random import stream
+from arm_brachy.diagnosis.signals.regressors import play as lagging
 from arm_brachy.evaluation.result import Result, Target, commit_of, machine_description
 from arm_brachy.evaluation.timeseries import Series
 from arm_brachy.experiments.false_alarms import (
@@ -44,6 +45,7 @@ WRONG = 0.05             # of the draws of all faults, those in which something 
 DURATION = 60.0          # s
 PAD = 0                  # that is at fault
 PLAY, LOST, LAG, YIELD = 0.32e-3, 0.88e-3, 0.013, 1.0 / 2100.0      # m, m, s, m/N
+SIDE_BY_SIDE = (0.0, 0.0, 0.5, 3.5)     # of the play's width, on average one
 DRIFT = 0.07 / 60.0      # N/s
 PRESSED, PRESSES, REACH = 1.5e-3, (5.0, 5.0), 0.02      # m, s each, m
 BEHIND = 'lag or clocks'  # the encoders are early or the pads lag: alike in these recordings
@@ -57,10 +59,18 @@ def same(t, q, force):
 
 def play(t, q, force):
     """One pad with play, from the middle of its gap."""
-    y = q[:, PAD].copy()
-    for k in range(1, len(y)):
-        y[k] = min(max(y[k - 1], q[k, PAD] - PLAY / 2), q[k, PAD] + PLAY / 2)
-    return _of_one(q, y)
+    return _of_one(q, lagging(q[:, PAD], PLAY, 0.5))
+
+
+def rounded_play(t, q, force):
+    """Play whose corners friction rounds: several beside each other (Prandtl and Ishlinskii)."""
+    beside = [lagging(q[:, PAD], share * PLAY) for share in SIDE_BY_SIDE]
+    return _of_one(q, np.mean(beside, axis=0))
+
+
+def closed_play(t, q, force):
+    """Play through which the tissue pushes the pad back at once: it lies on the flank behind."""
+    return _of_one(q, np.maximum(q[:, PAD] - PLAY, np.minimum(q[:, PAD], 0.0)))
 
 
 def lost_steps(t, q, force):
@@ -134,6 +144,8 @@ class Fault:
 
 FAULTS = (
     Fault('play of 0.32 mm, from the middle of its gap', ('play',), goes=play),
+    Fault('the same play with rounded corners', ('play',), goes=rounded_play),
+    Fault('the same play, which the tissue keeps closed', ('play',), goes=closed_play),
     Fault('lost steps of 0.88 mm, the pad idle', ('lost steps',), goes=lost_steps),
     Fault('every pad 13 ms behind its encoder', (BEHIND,), goes=lag),
     Fault('a pad that yields, 2.1 N/mm', ('compliance', 'gain'), goes=yielding),

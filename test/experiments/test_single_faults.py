@@ -39,7 +39,8 @@ def counted_and_gone(name):
 
 
 @pytest.mark.parametrize(('name', 'least', 'most'), [
-    ('play', -PLAY / 2, PLAY / 2), ('lost_steps', 0.0, LOST)])
+    ('play', -PLAY / 2, PLAY / 2), ('rounded_play', 0.0, PLAY), ('closed_play', 0.0, PLAY),
+    ('lost_steps', 0.0, LOST)])
 def test_a_pad_is_off_its_encoder_by_the_fault(name, least, most):
     t, count, gone = counted_and_gone(name)
     speed = np.abs(np.gradient(gone, t))
