@@ -51,7 +51,7 @@ SCREENED = 5    # candidates of a linear screen that the terminal shows; the pag
               help='A recording of the same cell in which nothing is wrong; may be given several '
                    'times. What it shows as well is no fault. Registration, touch points, '
                    'zeros and modulus may differ; markers should sit where they sat. Takes '
-                   'half as long again.')
+                   'longer.')
 @click.option('--hold-out', 'held_out', multiple=True, type=click.Path(), metavar='BAG',
               help='A recording to test on, not fitted; may be given several times.')
 @click.option('--calibration', type=click.Path(), metavar='FILE',
@@ -80,7 +80,7 @@ def diagnose(bags, scene, scenes_of, null, held_out, calibration, seed, quick, t
     are of one session, in which what drifts goes on. Beside the page comes a scenario with what
     was found, for `arm-brachy run`.
 
-    In a blind trial it took 3 to 7 minutes for one recording, with one --null 4 to 10 minutes
+    In a blind trial it took 1 to 7 minutes for one recording, with one --null 2 to 17 minutes
     (docs/reference/limits.md). A line on stderr tells the step, and about how long the rest of
     it takes.
 
